@@ -1,0 +1,175 @@
+# crease: every verb. `make` alone lists them.
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+MAKEFLAGS += --no-builtin-rules
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.SECONDARY:
+
+# A Python of 3.11 or newer that can make a virtual environment.
+PYTHON ?= $(firstword $(shell for p in python3 /usr/bin/python3; do \
+    "$$p" -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p"; done) python3)
+VENV := .venv
+PY := $(VENV)/bin/python
+CREASE := $(VENV)/bin/crease
+
+APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev \
+       clang clang-format clang-tidy cppcheck gcovr valgrind
+
+FIRMWARE_C := $(wildcard firmware/*.c)
+NATIVE_C := $(wildcard host/native/*.c)
+C_HEADERS := $(wildcard firmware/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
+TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
+TEST_NAMES := $(notdir $(TEST_C:.c=))
+TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
+C_ALL := $(FIRMWARE_C) $(NATIVE_C) $(TEST_C) $(TEST_HELPERS) $(C_HEADERS)
+PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
+PY_LINT := $(wildcard host/crease host/native meshes tests)
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' Makefile
+
+# ---------------------------------------------------------------------------------------------------- installing
+
+setup: $(VENV)/.stamp ## system packages (apt, when allowed) and the Python environment .venv
+
+# Checked every time (0.1 s): a package may have been removed since.
+build/.apt: FORCE
+	@mkdir -p build
+	@command -v dpkg-query >/dev/null || { echo "not a Debian system: this needs $(APT)"; touch $@; exit 0; }
+	@missing=$$(for p in $(APT); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	missing=$$(echo $$missing); \
+	if [ -z "$$missing" ]; then :; \
+	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
+	elif sudo -n true 2>/dev/null; then sudo apt-get update -qq && sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
+	else echo "error: system packages are missing, install them with: sudo apt-get install $$missing"; exit 1; fi
+	@test -e $@ || touch $@
+
+$(VENV)/.stamp: host/pyproject.toml | build/.apt
+	@echo "python environment: $(VENV)"
+	@mkdir -p build
+	@exec 9>build/.lock; flock 9; \
+	"$(PYTHON)" -c 'import tomllib; p = tomllib.load(open("host/pyproject.toml", "rb")); r = p["build-system"]["requires"] + p["project"]["dependencies"]; \
+	[r.extend(g) for g in p["project"]["optional-dependencies"].values()]; print("\n".join(r))' >build/requirements.txt; \
+	test -x $(PY) || "$(PYTHON)" -m venv $(VENV); \
+	$(PY) -m pip install --quiet --disable-pip-version-check -r build/requirements.txt; touch $@
+
+# ------------------------------------------------------------------------------------------------------ building
+
+build: build/.host ## the C extension and the `crease` command, in .venv
+
+# The list of modules: the editable install has to know a new one.
+build/modules.txt: FORCE
+	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
+
+build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(NATIVE_C) $(wildcard firmware/*.h host/native/*.h) \
+             host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
+	@echo "extension: crease._native"
+	@exec 9>build/.lock; flock 9; \
+	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable host >build/host.log 2>&1 \
+	    || { cat build/host.log; exit 1; }
+	@touch $@
+
+meshes: build/meshes/.stamp ## the paper's objects and their trajectories, in build/meshes
+
+build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
+	@mkdir -p build/meshes
+	$(PY) meshes/make.py
+	@touch $@
+
+scenes: build/scenes/.stamp ## scene images of meshes/scenes.toml, in build/scenes
+
+build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml
+	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes
+	@touch $@
+
+# ---------------------------------------------------------------------------------------------------------- demo
+
+demo: build/demo/.stamp ## bake, replay the corner trajectory, write the plots and name them
+	@printf '%s\n' build/demo/*.png
+
+DEMO_SCENES := edge90_sphere edge90_cube
+
+build/demo/.stamp: build/.host build/meshes/.stamp
+	@mkdir -p build/demo
+	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
+	$(PY) -m crease.demo meshes/scenes.toml build/meshes build/scenes build/demo
+	@touch $@
+
+# --------------------------------------------------------------------------------------------------------- tests
+# One library and one set of test programs for each variant: build/<variant>/...
+
+CC_gcc := gcc
+CFLAGS_gcc := -O2 -g
+CC_clang := clang
+CFLAGS_clang := -O2 -g
+CC_san := gcc
+CFLAGS_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+CC_cov := gcc
+CFLAGS_cov := -O0 -g --coverage
+WARNINGS := -Wall -Wextra -Wconversion -Wshadow
+C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
+INCLUDES := -Ifirmware -Ihost/native -Itests/unit -Itests/property
+
+define VARIANT
+build/$(1)/%.o: %.c
+	@mkdir -p $$(@D)
+	$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
+
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
+	@rm -f $$@
+	ar rcs $$@ $$^
+
+build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a
+	$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
+
+build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a
+	$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
+
+c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
+endef
+$(foreach variant,gcc clang san cov,$(eval $(call VARIANT,$(variant))))
+-include $(wildcard build/*/*/*.d build/*/*/*/*.d)
+
+check: build/.host c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
+	$(PY) tests/run.py --quick --c-tests build/gcc/tests
+
+test: build/.host c-tests-gcc c-tests-san build/scenes/.stamp ## everything that must pass; ends with one count
+	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
+
+sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
+	$(PY) tests/run.py --c-tests build/san/tests --only-c
+
+coverage: build/.host c-tests-cov build/scenes/.stamp ## lines and branches that the tests reach, C and Python
+	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
+	$(PY) tests/run.py --c-tests build/cov/tests --only-c
+	gcovr --root . --filter 'firmware/' --filter 'host/native/' build/cov
+	gcovr --root . --filter 'firmware/' --filter 'host/native/' --branches build/cov | tail -3
+	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
+
+bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
+	$(PY) tests/bench/bench.py
+
+# ---------------------------------------------------------------------------------------------------------- lint
+
+lint: build/.host ## format, static analysis and types: C and Python
+	clang-format --dry-run -Werror $(C_ALL)
+	clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(NATIVE_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log || { cat build/clang-tidy.log; exit 1; }
+	cppcheck --quiet --std=c11 --error-exitcode=1 --enable=warning,performance,portability --inline-suppr \
+	    --suppress=missingIncludeSystem -Ifirmware -Ihost/native firmware host/native
+	$(PY) -m ruff check --config host/pyproject.toml $(PY_LINT)
+	$(PY) -m ruff format --check --config host/pyproject.toml $(PY_LINT)
+	$(PY) -m mypy --config-file host/pyproject.toml host/crease
+	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard meshes tests)
+
+format: $(VENV)/.stamp ## rewrite C and Python in the house format
+	clang-format -i $(C_ALL)
+	$(PY) -m ruff check --fix --quiet --config host/pyproject.toml $(PY_LINT) || true
+	$(PY) -m ruff format --config host/pyproject.toml $(PY_LINT)
+
+clean: ## remove build/ (.venv stays)
+	rm -rf build
+
+FORCE:
+.PHONY: FORCE help setup build meshes scenes demo check test sanitize coverage bench lint format clean \
+        c-tests-gcc c-tests-clang c-tests-san c-tests-cov

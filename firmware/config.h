@@ -1,0 +1,66 @@
+/* Capacities and numeric limits of the firmware. Every value has a unit, a range check and a reason.
+ * Override with -DNAME=value; the state size and the worst-case tick grow with the capacities (DESIGN.md, "Budgets"). */
+#ifndef CR_CONFIG_H
+#define CR_CONFIG_H
+
+/* Points per cluster and spheres per group: the width of every vector loop. The image is built for it, so it is a
+ * property of the format, not a knob. */
+#define CR_LANES 16
+
+/* Depth of the sphere tree in groups. 16^6 clusters hold 268 million points; the traversal stack has this length. */
+#ifndef CR_TREE_DEPTH_MAX
+#define CR_TREE_DEPTH_MAX 6
+#endif
+#if CR_TREE_DEPTH_MAX < 2 || CR_TREE_DEPTH_MAX > 8
+#error "CR_TREE_DEPTH_MAX: 2..8 levels"
+#endif
+
+/* Clusters in contact that one tick may keep. 768 clusters are 12,288 points: at 2 mm spacing a patch of 220 x 220 mm.
+ * What does not fit is left out and counted in stats.clusters_dropped. */
+#ifndef CR_CLUSTERS_MAX
+#define CR_CLUSTERS_MAX 768
+#endif
+#if CR_CLUSTERS_MAX < 16 || CR_CLUSTERS_MAX > 65535
+#error "CR_CLUSTERS_MAX: 16..65535 clusters"
+#endif
+
+/* (cluster, surface) pairs one tick may keep: a cluster on a crease touches two or three surfaces. */
+#ifndef CR_TOUCHES_MAX
+#define CR_TOUCHES_MAX 512
+#endif
+#if CR_TOUCHES_MAX < 16 || CR_TOUCHES_MAX > 65535
+#error "CR_TOUCHES_MAX: 16..65535 touches"
+#endif
+
+/* Groups plus clusters that one tick may evaluate: the hard bound on work. 2048 kernels of 16 lanes cost about 0.1 ms
+ * on a desktop core. Beyond it clusters count by their centre only (stats.clusters_coarse). */
+#ifndef CR_KERNELS_MAX
+#define CR_KERNELS_MAX 2048
+#endif
+#if CR_KERNELS_MAX < 64 || CR_KERNELS_MAX > 1048576
+#error "CR_KERNELS_MAX: 64..1048576 kernels"
+#endif
+
+/* Contact areas reported and answered. Further areas are merged into the nearest kept one, and counted. */
+#ifndef CR_AREAS_MAX
+#define CR_AREAS_MAX 16
+#endif
+#if CR_AREAS_MAX < 1 || CR_AREAS_MAX > 64
+#error "CR_AREAS_MAX: 1..64 areas"
+#endif
+
+/* Contact zones of one area. Projection on the cone of the zone normals needs at most three at a time; eight leave room for
+ * pyramids and stars. Further zones of an area are left out by least touched area, and counted. */
+#ifndef CR_ZONES_MAX
+#define CR_ZONES_MAX 8
+#endif
+#if CR_ZONES_MAX < 3 || CR_ZONES_MAX > 16
+#error "CR_ZONES_MAX: 3..16 zones"
+#endif
+
+/* Sweeps of the projected Gauss-Seidel solve for the zone weights; see respond.c for the convergence measured. */
+#ifndef CR_SWEEPS_MAX
+#define CR_SWEEPS_MAX 32
+#endif
+
+#endif

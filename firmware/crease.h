@@ -1,0 +1,204 @@
+/* crease: contact of a rigid tool with a rigid mock-up, one wrench per tick. The one public header.
+ *
+ * Flow     image -> cr_scene_open -> cr_world_init -> cr_tick, cr_tick, ...
+ * Memory   the caller's: the image (read-only, must outlive the scene), the world (cr_world_size bytes). No heap.
+ * Threads  a scene may be shared by any number of worlds; a world belongs to one thread at a time.
+ * Time     an argument. No clock, no I/O, no globals: cr_tick is a pure function of (scene, world, pose, period).
+ * Units    SI: m, N, s, rad, kg. Frames: "world" is the static object's frame, "tool" the tool mesh's frame;
+ *          world_from_tool maps tool coordinates to world coordinates.
+ * Numbers  float32, round to nearest, no contraction: the same outputs to the bit on every target (DESIGN.md). */
+#ifndef CREASE_H
+#define CREASE_H
+
+#include "config.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define CR_VERSION_MAJOR 0
+#define CR_VERSION_MINOR 1
+#define CR_VERSION_PATCH 0
+/* Version of the scene image this library reads (SPEC.md). */
+#define CR_IMAGE_VERSION 1u
+
+typedef struct {
+    float x, y, z;
+} cr_vec3;
+
+/* Unit quaternion, Hamilton convention, scalar first. */
+typedef struct {
+    float w, x, y, z;
+} cr_quat;
+
+typedef struct {
+    cr_vec3 pos_m;
+    cr_quat rot;
+} cr_pose;
+
+/* Set-up errors: zero or negative, outputs untouched on failure. cr_err_text gives one line for each. */
+typedef enum {
+    CR_OK = 0,
+    CR_ERR_NULL = -1,    /* a required pointer is null */
+    CR_ERR_ALIGN = -2,   /* image or memory is not 64-byte aligned */
+    CR_ERR_SIZE = -3,    /* image shorter than its header says, or memory smaller than cr_world_size */
+    CR_ERR_MAGIC = -4,   /* not a scene image */
+    CR_ERR_VERSION = -5, /* an image of another format version */
+    CR_ERR_CRC = -6,     /* bytes changed since bake */
+    CR_ERR_SECTION = -7, /* a section is missing, misplaced or of the wrong size */
+    CR_ERR_INDEX = -8,   /* an index in the image points outside its table */
+    CR_ERR_VALUE = -9,   /* a number in the image is not finite or out of range */
+    CR_ERR_CONFIG = -10  /* a world setting is not finite or out of range */
+} cr_err;
+
+/* Purpose  one line of English for an error code.   Output  static text, never null. */
+const char *cr_err_text(cr_err err);
+
+/* Where the sections of an opened image lie. Plain pointers into the caller's image: copyable, read-only.
+ * Filled by cr_scene_open only; layout in image.h, bytes in SPEC.md. */
+typedef struct {
+    const struct cr_img_meta *meta;
+    const uint32_t *top;                   /* [meta->top_count] near brick index or far bound */
+    const struct cr_img_brick *bricks;     /* [brick_count] */
+    const int16_t *samples;                /* [sample_count] */
+    const uint16_t *cells;                 /* [cell_count] */
+    const struct cr_img_kind *kinds;       /* [kind_count] */
+    const struct cr_img_facet *facets;     /* [facet_count] */
+    const struct cr_img_pair *pairs;       /* [pair_count], sorted */
+    const struct cr_img_edge *edges;       /* [edge_count] creases */
+    const struct cr_img_cluster *clusters; /* [cluster_count] */
+    const struct cr_img_sum *sums;         /* [cluster_count] */
+    const struct cr_img_group *groups;     /* [group_count], root first */
+    const uint32_t *adj_start;             /* [cluster_count + 1] */
+    const uint32_t *adj;                   /* [adj_count] */
+    uint32_t brick_count, sample_count, cell_count, kind_count, facet_count, pair_count, edge_count;
+    uint32_t cluster_count, group_count, adj_count;
+} cr_scene;
+
+/* Purpose  validate an image once and find its sections.
+ * Units    size_bytes: bytes from image to the end of readable memory; image 64-byte aligned.
+ * Output   *scene.   Errors  every cr_err but CONFIG: hostile bytes give a code, never a wild read, here or in cr_tick.
+ * Cost     O(size): reads every byte once for the CRC and every index once. */
+cr_err cr_scene_open(cr_scene *scene, const void *image, size_t size_bytes);
+
+/* How a contact area turns into a force. */
+typedef enum {
+    CR_RESPONSE_ZONES = 0,   /* the contact-zone method [1], DESIGN.md "Zones and area normal" */
+    CR_RESPONSE_FIXED45 = 1, /* equal weight to every zone at a crease: the method [1] is compared with */
+    CR_RESPONSE_COUNT
+} cr_response;
+
+/* How a shell sample near the surface counts. */
+typedef enum {
+    CR_COVERAGE_SOFT = 0, /* by the part of its area that is inside; zone weights by cone decomposition */
+    CR_COVERAGE_HARD = 1  /* in or out, with projection, spheres and common vertices: the method as published [1] */
+} cr_coverage;
+
+/* What detection may skip. Every skip is conservative: the outputs are the same to the bit with any subset. */
+enum {
+    CR_SKIP_TOP = 1u,       /* whole tool outside the reach of the voxmap */
+    CR_SKIP_TREE = 2u,      /* sphere tree nodes that are certainly free or certainly inside */
+    CR_SKIP_COHERENCE = 4u, /* nodes that cannot have come near since they were last looked at */
+    CR_SKIP_ALL = 7u
+};
+
+typedef struct {
+    float stiffness_N_m;    /* 0..1e6 */
+    float damping_Ns_m;     /* 0..1e4, along the area normal, never making the force pull */
+    float force_max_N;      /* > 0, limit on |force|; torque is scaled along */
+    uint32_t response;      /* cr_response */
+    uint32_t coverage;      /* cr_coverage */
+    uint32_t skip;          /* CR_SKIP_* bits */
+    uint32_t vertices_only; /* 1: only tool mesh vertices measure depth, as [1] does; 0: all samples */
+} cr_config;
+
+/* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, zones, soft, all skips. */
+cr_config cr_config_default(void);
+
+/* One contact zone of an area: what of a smooth piece of the static surface is touched. */
+typedef struct {
+    uint32_t patch;         /* static patch the zone lies on */
+    cr_vec3 normal_world;   /* unit */
+    cr_vec3 centre_world_m; /* centroid of the touched surface */
+    float radius_m;         /* sphere about centre that holds the touched surface */
+    float area_m2;          /* touched area seen by the samples */
+    float weight_m2;        /* alpha of the cone decomposition: area of this zone inside the tool */
+    float offset_m;         /* plane of the zone: normal . x = offset */
+} cr_zone;
+
+/* One contact area and its force. */
+typedef struct {
+    cr_vec3 normal_world;  /* unit, out of the static object */
+    cr_vec3 point_world_m; /* where the force acts: coverage-weighted centroid */
+    cr_vec3 force_world_N;
+    float depth_m;  /* >= 0 along the normal */
+    float offset_m; /* contact plane: normal . x = offset */
+    float area_m2;  /* tool surface inside */
+    uint32_t zone_count;
+    cr_zone zones[CR_ZONES_MAX];
+} cr_area;
+
+/* Work done and trouble met in one tick. Plain counts. */
+typedef struct {
+    uint32_t nodes;            /* spheres of the tree whose distance was looked up */
+    uint32_t points;           /* shell points whose distance was looked up */
+    uint32_t contacts;         /* shell points inside the static object */
+    uint32_t clusters;         /* clusters in contact */
+    uint32_t clusters_inside;  /* of these, taken whole without looking at their points */
+    uint32_t nodes_coherent;   /* spheres not looked at thanks to temporal coherence */
+    uint32_t clusters_coarse;  /* clusters counted by centre only: work bound reached */
+    uint32_t clusters_dropped; /* clusters in contact beyond CR_CLUSTERS_MAX */
+    uint32_t touches_dropped;  /* beyond CR_TOUCHES_MAX */
+    uint32_t areas_merged;     /* beyond CR_AREAS_MAX */
+    uint32_t zones_dropped;    /* beyond CR_ZONES_MAX */
+    uint32_t force_limited;    /* 1 when |force| was reduced to force_max_N */
+} cr_stats;
+
+/* Faults latch: output stays zero until cr_world_clear_fault. */
+enum {
+    CR_FAULT_POSE = 1u,  /* pose not finite, quaternion not unit within 1 %, or |position| over 1e4 m */
+    CR_FAULT_PERIOD = 2u /* period not finite or not in (0, 1] s */
+};
+
+typedef struct {
+    cr_vec3 force_world_N;
+    cr_vec3 torque_world_Nm; /* about the tool origin */
+    cr_pose display_pose;    /* world_from_tool for the eye: moved out of the static object */
+    float depth_m;           /* of the deepest area; 0 in free space */
+    cr_vec3 normal_world;    /* of the deepest area; 0 in free space */
+    uint32_t faults;         /* CR_FAULT_* latched */
+    uint32_t area_count;     /* areas[0..area_count) are valid, the rest is not written */
+    uint32_t zone_count;     /* over all areas */
+    cr_stats stats;
+    cr_area areas[CR_AREAS_MAX];
+} cr_output;
+
+typedef struct cr_world cr_world;
+
+/* Purpose  bytes of memory a world for this scene needs.   Output  0 when scene or config is invalid. */
+size_t cr_world_size(const cr_scene *scene, const cr_config *config);
+
+/* Purpose  build a world in the caller's memory (64-byte aligned, size >= cr_world_size). The scene struct is copied, the
+ *          image is not.
+ * Output   *world points into memory.   Errors  NULL, ALIGN, SIZE, CONFIG. */
+cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr_scene *scene, const cr_config *config);
+
+/* Purpose  change settings between ticks; state is kept.   Errors  CONFIG: nothing changed. */
+cr_err cr_world_configure(cr_world *world, const cr_config *config);
+
+/* Purpose  forget motion history (next tick has zero velocity) and clear latched faults. */
+void cr_world_clear_fault(cr_world *world);
+
+/* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
+ * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
+ * Errors   none: see faults and stats.   Cost  bounded by CR_KERNELS_MAX; typical figures in README.md. */
+void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,408 @@
+/* detect: which clusters of the shell reach into the static object, and what they touch there.
+ *
+ * Four levels of skipping, each conservative (DESIGN.md "Detect"): the whole tool against the top level, the sphere tree,
+ * temporal coherence, and whole clusters that are certainly inside. Coverage is exactly 0 or 1 wherever a skip applies, so the
+ * sums are the same to the bit with any of them switched off. */
+#include "stages.h"
+
+/* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
+#define ROUNDING_M 2e-6f
+/* Odometers are rebased here: beyond it their last bit would exceed the slack. */
+#define ODOMETER_MAX_M 8.0f
+#define WAKE_NOW (-1.0f)
+
+static void forget(cr_motion *m) {
+    m->slide_m = 0.0f;
+    m->turn_rad = 0.0f;
+    m->root_wake_m = WAKE_NOW;
+    for (uint32_t i = 0; i < m->wake_count; i++) {
+        m->wake_m[i] = WAKE_NOW;
+    }
+}
+
+void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
+    if (m->valid) {
+        cr_quat a = m->last.rot, b = pose->rot;
+        float flip = a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z < 0.0f ? -1.0f : 1.0f;
+        float dw = b.w - flip * a.w, dx = b.x - flip * a.x, dy = b.y - flip * a.y, dz = b.z - flip * a.z;
+        /* |2 sin(angle / 2)| <= 2 |dq|; both odometers are rounded up. */
+        m->turn_rad += 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
+        m->slide_m += v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f;
+    }
+    if (!m->valid || !(m->slide_m < ODOMETER_MAX_M) || !(m->turn_rad < ODOMETER_MAX_M)) {
+        forget(m);
+    }
+    m->valid = 1u;
+    m->last = *pose;
+}
+
+/* Everything one traversal reads and writes. */
+typedef struct {
+    const cr_field *field;
+    const cr_scene *scene;
+    const xform *pose;
+    const cr_detect_options *options;
+    cr_motion *motion;
+    cr_contact_set *set;
+    cr_stats *stats;
+    float slack_m; /* twice the distance error bound, plus rounding */
+    uint32_t kernels;
+} walk;
+
+/* Fixed order of addition: lane i with lane i + 8, then 4, 2, 1. */
+static float sum_lanes(float *v) {
+    for (int width = CR_LANES / 2; width > 0; width /= 2) {
+        for (int i = 0; i < width; i++) {
+            v[i] += v[i + width];
+        }
+    }
+    return v[0];
+}
+
+/* Part of each lane's area that is inside. Soft: a ramp one spacing wide. Hard: in or out. */
+static void find_coverage(const struct cr_img_cluster *c, const cr_lookup *at, uint32_t coverage, float *w) {
+    if (coverage == CR_COVERAGE_HARD) {
+        for (int i = 0; i < CR_LANES; i++) {
+            w[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
+        }
+        return;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        w[i] = clamp_f(0.5f - at->phi_m[i] * c->inv_h[i], 0.0f, 1.0f);
+    }
+}
+
+void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {
+    float ax[CR_LANES], ay[CR_LANES], az[CR_LANES], px[CR_LANES], py[CR_LANES], pz[CR_LANES], area[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        ax[i] = w[i] * c->ax[i];
+        ay[i] = w[i] * c->ay[i];
+        az[i] = w[i] * c->az[i];
+        area[i] = sqrtf(ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i]);
+        px[i] = area[i] * c->x[i];
+        py[i] = area[i] * c->y[i];
+        pz[i] = area[i] * c->z[i];
+    }
+    sum->ax = sum_lanes(ax);
+    sum->ay = sum_lanes(ay);
+    sum->az = sum_lanes(az);
+    sum->px = sum_lanes(px);
+    sum->py = sum_lanes(py);
+    sum->pz = sum_lanes(pz);
+    sum->area = sum_lanes(area);
+    sum->pad = 0.0f;
+}
+
+static uint32_t lanes_where_below(const float *value, const float *limit) {
+    uint32_t mask = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        mask |= (uint32_t)(value[i] < limit[i]) << i;
+    }
+    return mask;
+}
+
+static uint32_t count_bits(uint32_t v) {
+    uint32_t n = 0u;
+    for (; v != 0u; v &= v - 1u) {
+        n++;
+    }
+    return n;
+}
+
+static cr_hit *add_hit(walk *w, uint32_t cluster) {
+    if (w->set->hit_count >= CR_CLUSTERS_MAX) {
+        w->stats->clusters_dropped++;
+        return NULL;
+    }
+    cr_hit *hit = &w->set->hits[w->set->hit_count++];
+    hit->cluster = cluster;
+    hit->area = CR_HIT_NONE;
+    return hit;
+}
+
+/* The touch of this hit on the patch of facet, made when missing. */
+static cr_touch *find_touch(walk *w, uint32_t first, uint32_t facet) {
+    const struct cr_img_facet *facets = w->scene->facets;
+    for (uint32_t t = first; t < w->set->touch_count; t++) {
+        cr_touch *touch = &w->set->touches[t];
+        if (touch->facet == facet) {
+            return touch;
+        }
+        if (facets[touch->facet].patch == facets[facet].patch) {
+            touch->mixed = 1u;
+            return touch;
+        }
+    }
+    if (w->set->touch_count >= CR_TOUCHES_MAX) {
+        w->stats->touches_dropped++;
+        return NULL;
+    }
+    cr_touch *touch = &w->set->touches[w->set->touch_count++];
+    touch->hit = (uint16_t)(w->set->hit_count - 1u);
+    touch->mixed = (uint16_t)facets[facet].curved;
+    touch->facet = facet;
+    touch->area_m2 = 0.0f;
+    touch->normal_sum_m2 = v3(0.0f, 0.0f, 0.0f);
+    touch->point_sum_m3 = v3(0.0f, 0.0f, 0.0f);
+    return touch;
+}
+
+/* Facet of the static surface that a lane is nearest to, or CR_FACET_NONE away from the surface. */
+static uint32_t facet_of_lane(const cr_scene *s, const cr_lookup *at, int lane, cr_vec3 p) {
+    if (at->facet[lane] != CR_FACET_NONE) {
+        return at->facet[lane];
+    }
+    const struct cr_img_kind *kind = &s->kinds[at->kind[lane]];
+    if (kind->count < 2u) {
+        return kind->count == 1u ? kind->facet[0] : CR_FACET_NONE;
+    }
+    /* Mixed: the facet whose plane passes nearest and faces the way the distance grows. */
+    uint32_t best = kind->facet[0];
+    float best_cost = 3.4e38f;
+    cr_vec3 g = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
+        float off = abs_f(v3_dot(v3_from(f->normal), p) - f->offset_m - at->phi_m[lane]);
+        float cost = off + (1.0f - v3_dot(v3_from(f->normal), g)) * s->meta->voxel_m;
+        if (cost < best_cost) {
+            best_cost = cost;
+            best = kind->facet[k];
+        }
+    }
+    return best;
+}
+
+/* Tool surface that covers a point of the static surface: area vector (tool frame) facing the surface normal. */
+static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, cr_vec3 area_tool) {
+    uint32_t index = facet_of_lane(w->scene, at, lane, p_world);
+    if (index == CR_FACET_NONE) {
+        return;
+    }
+    const struct cr_img_facet *facet = &w->scene->facets[index];
+    cr_vec3 gradient = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
+    cr_vec3 normal = facet->curved ? v3_unit(gradient, 1e-3f) : v3_from(facet->normal);
+    float area = max_f(0.0f, -v3_dot(area_tool, xform_unrotate(w->pose, normal)));
+    cr_touch *touch = find_touch(w, first, index);
+    if (touch == NULL) {
+        return;
+    }
+    cr_vec3 surface = v3_mad(p_world, gradient, -at->phi_m[lane]);
+    touch->area_m2 += area;
+    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area);
+    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area);
+}
+
+/* A cluster that is inside as a whole: sums from the image, surface from its centre. */
+static void take_whole(walk *w, uint32_t cluster, const cr_lookup *centres, const cr_lanes3 *centre_world, int lane) {
+    cr_hit *hit = add_hit(w, cluster);
+    if (hit == NULL) {
+        return;
+    }
+    uint32_t first = w->set->touch_count;
+    hit->inside = 0xffffu;
+    hit->near = 0u;
+    hit->whole = 1u;
+    hit->sum = w->scene->sums[cluster];
+    w->stats->contacts += w->scene->clusters[cluster].count;
+    w->stats->clusters++;
+    if (abs_f(centres->phi_m[lane]) < w->scene->meta->band_m) {
+        cr_vec3 p = v3(centre_world->x[lane], centre_world->y[lane], centre_world->z[lane]);
+        touch_surface(w, first, centres, lane, p, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
+    }
+}
+
+/* Work bound reached: the cluster counts by the coverage of its bounding sphere. */
+static void take_coarse(walk *w, uint32_t cluster, float phi_m, float radius_m) {
+    float part = clamp_f(0.5f - 0.5f * phi_m / max_f(radius_m, 1e-9f), 0.0f, 1.0f);
+    w->stats->clusters_coarse++;
+    cr_hit *hit = part > 0.0f ? add_hit(w, cluster) : NULL;
+    if (hit == NULL) {
+        return;
+    }
+    const struct cr_img_sum *s = &w->scene->sums[cluster];
+    hit->inside = phi_m <= 0.0f ? 0xffffu : 0u;
+    hit->near = 0u;
+    hit->whole = 0u;
+    hit->sum = *s;
+    hit->sum.ax *= part;
+    hit->sum.ay *= part;
+    hit->sum.az *= part;
+    hit->sum.px *= part;
+    hit->sum.py *= part;
+    hit->sum.pz *= part;
+    hit->sum.area *= part;
+    w->stats->clusters++;
+}
+
+static void look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres, const cr_lanes3 *centre_world,
+                           int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+    cr_lanes3 world;
+    cr_lookup at;
+    float coverage[CR_LANES], zero[CR_LANES] = {0.0f}, negative[CR_LANES], one[CR_LANES];
+    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
+    cr_field_look_up(w->field, &world, &at);
+    w->stats->points += c->count;
+    find_coverage(c, &at, w->options->coverage, coverage);
+    for (int i = 0; i < CR_LANES; i++) {
+        negative[i] = -at.phi_m[i];
+        one[i] = 1.0f;
+    }
+    uint32_t covered = lanes_where_below(zero, coverage);
+    uint32_t partial = lanes_where_below(coverage, one);
+    if (covered == 0u) {
+        return;
+    }
+    if (partial == 0u) {
+        take_whole(w, cluster, centres, centre_world, lane);
+        return;
+    }
+    cr_hit *hit = add_hit(w, cluster);
+    if (hit == NULL) {
+        return;
+    }
+    uint32_t first = w->set->touch_count;
+    uint32_t outside = lanes_where_below(negative, zero);
+    hit->inside = (uint16_t)(~outside & 0xffffu);
+    hit->near = (uint16_t)(outside & lanes_where_below(at.phi_m, c->reach));
+    hit->whole = 0u;
+    cr_sum_cluster(c, coverage, &hit->sum);
+    w->stats->contacts += count_bits((uint32_t)hit->inside & ((1u << c->count) - 1u));
+    w->stats->clusters++;
+    for (uint32_t i = 0; i < c->count; i++) {
+        if ((covered >> i) & 1u) {
+            cr_vec3 area = v3_scale(v3(c->ax[i], c->ay[i], c->az[i]), coverage[i]);
+            touch_surface(w, first, &at, (int)i, v3(world.x[i], world.y[i], world.z[i]), area);
+        }
+    }
+}
+
+/* Lanes of a group worth looking at: all but those that coherence knows to be free. */
+static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t group) {
+    uint32_t mask = (1u << g->count) - 1u;
+    if (!(w->options->skip & CR_SKIP_COHERENCE)) {
+        return mask;
+    }
+    const float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
+    float moved[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        moved[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i];
+    }
+    uint32_t asleep = lanes_where_below(moved, wake) & mask;
+    w->stats->nodes_coherent += count_bits(asleep);
+    return mask & ~asleep;
+}
+
+/* What is left to do in one group on the way down. */
+typedef struct {
+    uint32_t group;
+    uint32_t lanes;
+    cr_lanes3 world;
+    cr_lookup centres;
+} level;
+
+/* Look at the spheres of a group: free lanes go to sleep, the others remain. */
+static void enter_group(walk *w, uint32_t group, level *v) {
+    const struct cr_img_group *g = &w->scene->groups[group];
+    v->group = group;
+    v->lanes = find_awake(w, g, group);
+    if (v->lanes == 0u) {
+        return;
+    }
+    if (w->kernels >= CR_KERNELS_MAX) {
+        w->stats->clusters_dropped += count_bits(v->lanes);
+        v->lanes = 0u;
+        return;
+    }
+    w->kernels++;
+    w->stats->nodes += count_bits(v->lanes);
+    cr_lanes_to_world(w->pose, g->x, g->y, g->z, &v->world);
+    cr_field_look_up(w->field, &v->world, &v->centres);
+    if (!(w->options->skip & CR_SKIP_TREE)) {
+        return;
+    }
+    float clearance[CR_LANES], zero[CR_LANES] = {0.0f};
+    float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
+    for (int i = 0; i < CR_LANES; i++) {
+        clearance[i] = v->centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_m;
+    }
+    uint32_t free = lanes_where_below(zero, clearance) & v->lanes;
+    for (int i = 0; i < CR_LANES; i++) {
+        float until = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance[i] * 0.999999f;
+        wake[i] = ((free >> i) & 1u) ? until : wake[i];
+    }
+    v->lanes &= ~free;
+}
+
+static void visit_cluster(walk *w, const struct cr_img_group *g, const level *v, int lane) {
+    float phi = v->centres.phi_m[lane];
+    uint32_t cluster = g->child[lane];
+    if ((w->options->skip & CR_SKIP_TREE) && phi < -(g->radius[lane] + g->margin[lane] + w->slack_m)) {
+        w->stats->clusters_inside++;
+        take_whole(w, cluster, &v->centres, &v->world, lane);
+    } else if (w->kernels >= CR_KERNELS_MAX) {
+        take_coarse(w, cluster, phi, g->radius[lane]);
+    } else {
+        w->kernels++;
+        look_at_points(w, cluster, &v->centres, &v->world, lane);
+    }
+}
+
+static int tool_is_free(walk *w) {
+    const struct cr_img_meta *m = w->scene->meta;
+    float moved = w->motion->slide_m + w->motion->turn_rad * m->tool_radius_m;
+    if ((w->options->skip & CR_SKIP_COHERENCE) && moved < w->motion->root_wake_m) {
+        w->stats->nodes_coherent++;
+        return 1;
+    }
+    if (!(w->options->skip & CR_SKIP_TOP)) {
+        return 0;
+    }
+    cr_vec3 c = xform_point(w->pose, v3_from(m->root_centre_m));
+    cr_lanes3 p;
+    cr_lookup at;
+    for (int i = 0; i < CR_LANES; i++) {
+        p.x[i] = c.x;
+        p.y[i] = c.y;
+        p.z[i] = c.z;
+    }
+    cr_field_look_up(w->field, &p, &at);
+    w->stats->nodes++;
+    float clearance = at.phi_m[0] - m->root_radius_m - m->reach_max_m - w->slack_m;
+    w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : WAKE_NOW;
+    return clearance > 0.0f;
+}
+
+void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
+               cr_contact_set *set, cr_stats *stats) {
+    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0u};
+    float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
+    w.slack_m = 2.0f * field->scene->meta->error_bound_m + ROUNDING_M + 1e-6f * scale;
+    set->hit_count = 0u;
+    set->touch_count = 0u;
+    if (tool_is_free(&w)) {
+        return;
+    }
+    level stack[CR_TREE_DEPTH_MAX];
+    int depth = 0;
+    enter_group(&w, 0u, &stack[0]);
+    while (depth >= 0) {
+        level *v = &stack[depth];
+        if (v->lanes == 0u) {
+            depth--;
+            continue;
+        }
+        const struct cr_img_group *g = &w.scene->groups[v->group];
+        int lane = 0;
+        while (!((v->lanes >> lane) & 1u)) {
+            lane++;
+        }
+        v->lanes &= v->lanes - 1u;
+        if (g->leaf) {
+            visit_cluster(&w, g, v, lane);
+        } else {
+            depth++;
+            enter_group(&w, g->child[lane], &stack[depth]);
+        }
+    }
+}

@@ -1,0 +1,63 @@
+/* Vectors, quaternions, poses. Value in, value out; float32; no libm but sqrtf. */
+#ifndef CR_MATH3_H
+#define CR_MATH3_H
+
+#include "crease.h"
+
+#include <math.h>
+
+static inline float min_f(float a, float b) { return a < b ? a : b; }
+static inline float max_f(float a, float b) { return a > b ? a : b; }
+static inline float clamp_f(float v, float low, float high) { return min_f(max_f(v, low), high); }
+static inline float abs_f(float a) { return a < 0.0f ? -a : a; }
+/* False for infinities and not-a-number, without libm. */
+static inline int is_finite_f(float a) { return a - a == 0.0f; }
+
+static inline cr_vec3 v3(float x, float y, float z) {
+    cr_vec3 r = {x, y, z};
+    return r;
+}
+static inline cr_vec3 v3_from(const float a[3]) { return v3(a[0], a[1], a[2]); }
+static inline cr_vec3 v3_add(cr_vec3 a, cr_vec3 b) { return v3(a.x + b.x, a.y + b.y, a.z + b.z); }
+static inline cr_vec3 v3_sub(cr_vec3 a, cr_vec3 b) { return v3(a.x - b.x, a.y - b.y, a.z - b.z); }
+static inline cr_vec3 v3_scale(cr_vec3 a, float s) { return v3(a.x * s, a.y * s, a.z * s); }
+static inline cr_vec3 v3_mad(cr_vec3 a, cr_vec3 b, float s) { return v3(a.x + b.x * s, a.y + b.y * s, a.z + b.z * s); }
+static inline float v3_dot(cr_vec3 a, cr_vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+static inline cr_vec3 v3_cross(cr_vec3 a, cr_vec3 b) {
+    return v3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+static inline float v3_norm(cr_vec3 a) { return sqrtf(v3_dot(a, a)); }
+/* Unit vector, or zero when shorter than tiny. */
+static inline cr_vec3 v3_unit(cr_vec3 a, float tiny) {
+    float n = v3_norm(a);
+    return n > tiny ? v3_scale(a, 1.0f / n) : v3(0.0f, 0.0f, 0.0f);
+}
+static inline int v3_is_finite(cr_vec3 a) { return is_finite_f(a.x) && is_finite_f(a.y) && is_finite_f(a.z); }
+
+/* Rotation and translation, ready for use: world = r * tool + t. Rows of r. */
+typedef struct {
+    cr_vec3 r0, r1, r2, t;
+} xform;
+
+static inline xform xform_from_pose(const cr_pose *p) {
+    cr_quat q = p->rot;
+    float xx = q.x * q.x, yy = q.y * q.y, zz = q.z * q.z;
+    float xy = q.x * q.y, xz = q.x * q.z, yz = q.y * q.z;
+    float wx = q.w * q.x, wy = q.w * q.y, wz = q.w * q.z;
+    xform m;
+    m.r0 = v3(1.0f - 2.0f * (yy + zz), 2.0f * (xy - wz), 2.0f * (xz + wy));
+    m.r1 = v3(2.0f * (xy + wz), 1.0f - 2.0f * (xx + zz), 2.0f * (yz - wx));
+    m.r2 = v3(2.0f * (xz - wy), 2.0f * (yz + wx), 1.0f - 2.0f * (xx + yy));
+    m.t = p->pos_m;
+    return m;
+}
+static inline cr_vec3 xform_rotate(const xform *m, cr_vec3 v) {
+    return v3(v3_dot(m->r0, v), v3_dot(m->r1, v), v3_dot(m->r2, v));
+}
+static inline cr_vec3 xform_point(const xform *m, cr_vec3 v) { return v3_add(xform_rotate(m, v), m->t); }
+/* Transposed rotation: world vector to tool frame. */
+static inline cr_vec3 xform_unrotate(const xform *m, cr_vec3 v) {
+    return v3_add(v3_add(v3_scale(m->r0, v.x), v3_scale(m->r1, v.y)), v3_scale(m->r2, v.z));
+}
+
+#endif

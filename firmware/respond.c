@@ -1,0 +1,413 @@
+/* respond: from zones to normal, contact plane and depth of each area. DESIGN.md "Zones and area normal".
+ *
+ * Every response answers one question, how much each zone of an area weighs; plane, depth and splitting at concave creases are
+ * the same for all of them. The method as published (hard coverage) differs in plane point and internal vertices too and has
+ * its own path at the end of the file. */
+#include "stages.h"
+
+/* Pull of the zone weights towards the area that the samples saw: breaks ties between more than three zones and lets a zone
+ * appear and leave with weight zero. Larger biases the direction, smaller lets noise choose among zones. */
+#define PRIOR 0.02f
+/* A curved zone may turn the normal this many standard deviations away from its mean. */
+#define SPREAD_REACH 2.5f
+/* Share of closed surface below which an area has no direction: the tool is wholly inside. */
+#define OPEN_MIN 0.01f
+
+/* A zone's part in the contact plane: generator vector (length = area) and offset of its plane times that length. */
+typedef struct {
+    cr_vec3 vector_m2[CR_ZONES_MAX];
+    float offset_m3[CR_ZONES_MAX];
+    float alpha[CR_ZONES_MAX];
+} weights;
+
+static float dot_zone(const cr_area_work *a, uint32_t i, cr_vec3 v) { return v3_dot(a->zones[i].normal_world, v); }
+
+/* Cone decomposition: s = sum alpha_i n_i, alpha_i >= 0, least squares with a weak pull to the seen areas. The pull grows as
+ * a zone's seen area vanishes, so that zones come and go continuously. Projected Gauss-Seidel. */
+static void weigh_by_cone(const cr_area_work *a, cr_vec3 s, float *alpha) {
+    float pull[CR_ZONES_MAX], seen[CR_ZONES_MAX], total = 0.0f;
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        total += a->zones[i].area_m2;
+        sum = v3_mad(sum, a->zones[i].normal_world, a->zones[i].area_m2);
+    }
+    float scale = v3_norm(s) / max_f(v3_norm(sum), 0.05f * total);
+    cr_vec3 left = s;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        seen[i] = a->zones[i].area_m2 * scale;
+        pull[i] = PRIOR * total / a->zones[i].area_m2;
+        alpha[i] = seen[i];
+        left = v3_mad(left, a->zones[i].normal_world, -alpha[i]);
+    }
+    for (int sweep = 0; sweep < CR_SWEEPS_MAX; sweep++) {
+        float moved = 0.0f;
+        for (uint32_t i = 0; i < a->zone_count; i++) {
+            float step = (dot_zone(a, i, left) + pull[i] * (seen[i] - alpha[i])) / (1.0f + pull[i]);
+            float next = max_f(0.0f, alpha[i] + step);
+            left = v3_mad(left, a->zones[i].normal_world, alpha[i] - next);
+            moved = max_f(moved, abs_f(next - alpha[i]));
+            alpha[i] = next;
+        }
+        if (moved <= 1e-6f * total) {
+            break;
+        }
+    }
+}
+
+/* The method [1] is compared with: every zone counts the same, 45 degrees at a right-angled edge. */
+static void weigh_equally(const cr_area_work *a, cr_vec3 s, float *alpha) {
+    float share = v3_norm(s) / (float)(a->zone_count > 0u ? a->zone_count : 1u);
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        alpha[i] = share;
+    }
+}
+
+typedef void (*weigh_fn)(const cr_area_work *area, cr_vec3 s, float *alpha);
+
+/* The response table: config->response selects a row. */
+static const struct {
+    weigh_fn weigh;
+    uint32_t bends; /* 1: curved zones may turn towards the tool's normal sum */
+} responses[CR_RESPONSE_COUNT] = {
+    [CR_RESPONSE_ZONES] = {weigh_by_cone, 1u},
+    [CR_RESPONSE_FIXED45] = {weigh_equally, 0u},
+};
+
+/* Where the surface of a sample just outside crosses the static surface, moving along the tool surface towards it. Returns 0
+ * when that is further than the sample's reach. */
+static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
+                           cr_vec3 *p_world) {
+    cr_vec3 g = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
+    cr_vec3 n = v3_unit(xform_rotate(pose, v3(c->ax[lane], c->ay[lane], c->az[lane])), 0.0f);
+    cr_vec3 along = v3_mad(g, n, -v3_dot(g, n));
+    float slope2 = v3_dot(along, along);
+    float phi = at->phi_m[lane], reach = c->reach[lane];
+    if (!(phi * phi < reach * reach * slope2)) {
+        return 0;
+    }
+    *p_world = v3_mad(*p_world, along, -phi / slope2);
+    return 1;
+}
+
+static cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
+
+/* Facet patch that a lane is on, for zones that need their own lanes. */
+static int lane_is_on(const cr_scene *s, const cr_lookup *at, int lane, uint32_t patch) {
+    if (at->facet[lane] != CR_FACET_NONE) {
+        return s->facets[at->facet[lane]].patch == patch;
+    }
+    const struct cr_img_kind *kind = &s->kinds[at->kind[lane]];
+    for (uint32_t k = 0; k < kind->count; k++) {
+        if (s->facets[kind->facet[k]].patch == patch) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Support of one cluster's touched surface along a direction, for lanes on a patch. */
+static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, uint32_t patch, cr_vec3 along,
+                                float best) {
+    const cr_scene *s = in->field->scene;
+    const struct cr_img_cluster *c = &s->clusters[hit->cluster];
+    cr_lanes3 world;
+    cr_lookup at;
+    cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
+    cr_field_look_up(in->field, &world, &at);
+    for (int i = 0; i < (int)c->count; i++) {
+        cr_vec3 p = lane_of(&world, i);
+        int inside = (hit->inside >> i) & 1;
+        if (abs_f(at.phi_m[i]) >= s->meta->band_m || !lane_is_on(s, &at, i, patch)) {
+            continue;
+        }
+        if (inside) {
+            p = v3_mad(p, v3(at.gx[i], at.gy[i], at.gz[i]), -at.phi_m[i]);
+        } else if (!((hit->near >> i) & 1) || !clip_to_surface(c, &at, in->world_from_tool, i, &p)) {
+            continue;
+        }
+        best = max_f(best, v3_dot(along, p));
+    }
+    return best;
+}
+
+/* Support of the surface that a curved zone touches: the largest along . q over its points q. */
+static float support_of_zone(const cr_respond_input *in, uint32_t area, const cr_zone *zone, cr_vec3 along) {
+    const cr_scene *s = in->field->scene;
+    float best = v3_dot(along, zone->centre_world_m);
+    for (uint32_t t = 0; t < in->set->touch_count; t++) {
+        const cr_touch *touch = &in->set->touches[t];
+        const cr_hit *hit = &in->set->hits[touch->hit];
+        if (hit->area == area && s->facets[touch->facet].patch == zone->patch) {
+            best = support_of_cluster(in, hit, zone->patch, along, best);
+        }
+    }
+    return best;
+}
+
+/* Generators of the contact plane: planar zones exactly, curved zones turned towards what the tool saw. */
+static void make_generators(const cr_respond_input *in, uint32_t area, const cr_area_work *a, cr_vec3 s, weights *w) {
+    cr_vec3 left = s;
+    float room = 0.0f;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        left = v3_mad(left, a->zones[i].normal_world, -w->alpha[i]);
+        room += w->alpha[i] * a->shapes[i].spread_rad * SPREAD_REACH;
+    }
+    float length = v3_norm(left);
+    float part =
+        responses[in->config->response].bends && room > 0.0f ? min_f(1.0f, room / max_f(length, 1e-20f)) / room : 0.0f;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        const cr_zone *zone = &a->zones[i];
+        float bend = part * w->alpha[i] * a->shapes[i].spread_rad * SPREAD_REACH;
+        w->vector_m2[i] = v3_mad(v3_scale(zone->normal_world, w->alpha[i]), left, bend);
+        w->offset_m3[i] =
+            a->shapes[i].curved ? support_of_zone(in, area, zone, w->vector_m2[i]) : w->alpha[i] * zone->offset_m;
+    }
+}
+
+/* Zones that touch each hit, as bits, so that a split area measures depth with its own samples only. */
+static uint32_t zones_of_hit(const cr_respond_input *in, const cr_area_work *a, uint32_t hit, uint32_t *touch) {
+    uint32_t bits = 0u;
+    for (; *touch < in->set->touch_count && in->set->touches[*touch].hit == hit; (*touch)++) {
+        uint32_t patch = in->field->scene->facets[in->set->touches[*touch].facet].patch;
+        for (uint32_t z = 0; z < a->zone_count; z++) {
+            bits |= (uint32_t)(a->zones[z].patch == patch) << z;
+        }
+    }
+    return bits;
+}
+
+/* Lowest normal . p of a cluster's internal points; best is the lowest so far. */
+static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, cr_vec3 n_tool, float shift, float best) {
+    const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
+    uint32_t lanes = in->config->vertices_only ? hit->inside & c->vertex_mask : hit->inside;
+    float height[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        height[i] = c->x[i] * n_tool.x + c->y[i] * n_tool.y + c->z[i] * n_tool.z + shift;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        best = ((lanes >> i) & 1u) ? min_f(best, height[i]) : best;
+    }
+    return best;
+}
+
+/* The same for lanes just outside, at the point where their surface enters the object. */
+static float lowest_near(const cr_respond_input *in, const cr_hit *hit, cr_vec3 n_world, cr_vec3 n_tool, float shift,
+                         float best) {
+    const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
+    int worth = 0;
+    for (int i = 0; i < CR_LANES; i++) {
+        float height = c->x[i] * n_tool.x + c->y[i] * n_tool.y + c->z[i] * n_tool.z + shift;
+        worth |= ((hit->near >> i) & 1) && height - c->reach[i] < best;
+    }
+    if (!worth) {
+        return best;
+    }
+    cr_lanes3 world;
+    cr_lookup at;
+    cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
+    cr_field_look_up(in->field, &world, &at);
+    for (int i = 0; i < (int)c->count; i++) {
+        cr_vec3 p = lane_of(&world, i);
+        if (((hit->near >> i) & 1) && clip_to_surface(c, &at, in->world_from_tool, i, &p)) {
+            best = min_f(best, v3_dot(n_world, p));
+        }
+    }
+    return best;
+}
+
+/* Lowest point of the area's internal surface along n; zone bits restrict it to hits of these zones (or of none). */
+static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, uint32_t zones, cr_vec3 n,
+                         float start) {
+    cr_vec3 n_tool = xform_unrotate(in->world_from_tool, n);
+    float shift = v3_dot(n, in->world_from_tool->t);
+    float best = start;
+    uint32_t all = (1u << a->zone_count) - 1u;
+    for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
+        uint32_t touch = 0u;
+        for (uint32_t h = 0; h < in->set->hit_count; h++) {
+            const cr_hit *hit = &in->set->hits[h];
+            uint32_t bits = zones == all ? all : zones_of_hit(in, a, h, &touch);
+            if (hit->area != area || (bits != 0u && (bits & zones) == 0u)) {
+                continue;
+            }
+            if (near) {
+                best = hit->near ? lowest_near(in, hit, n, n_tool, shift, best) : best;
+            } else {
+                best = lowest_inside(in, hit, n_tool, shift, best);
+            }
+        }
+    }
+    return best;
+}
+
+static uint32_t pair_label(const cr_scene *s, uint32_t a, uint32_t b) {
+    uint32_t first = a < b ? a : b, second = a < b ? b : a;
+    uint32_t low = 0u, high = s->pair_count;
+    while (low < high) {
+        uint32_t mid = low + (high - low) / 2u;
+        const struct cr_img_pair *p = &s->pairs[mid];
+        if (p->first < first || (p->first == first && p->second < second)) {
+            low = mid + 1u;
+        } else {
+            high = mid;
+        }
+    }
+    return low < s->pair_count && s->pairs[low].first == first && s->pairs[low].second == second ? s->pairs[low].label
+                                                                                                 : 0u;
+}
+
+/* Do two zones meet at a concave crease? The crease label decides; where patches share creases of both kinds, or none, it is
+ * concave when each zone lies above the plane of the other. */
+static int is_concave(const cr_scene *s, const cr_zone *a, const cr_zone *b) {
+    uint32_t label = pair_label(s, a->patch, b->patch);
+    if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
+        return label == CR_PAIR_CONCAVE;
+    }
+    cr_vec3 d = v3_sub(b->centre_world_m, a->centre_world_m);
+    return v3_dot(a->normal_world, d) > 0.0f && v3_dot(b->normal_world, d) < 0.0f;
+}
+
+/* Concave creases split an area: each zone that has one with a zone it is also linked to round the outside leads an area of
+ * its own; the rest is shared among the leaders of its convex component in proportion to their weight, so that a zone that
+ * fades in or out moves nothing. share[g][z] in 0..1; returns the number of groups. */
+static uint32_t split_at_creases(const cr_scene *s, const cr_area_work *a, const float *alpha,
+                                 float share[][CR_ZONES_MAX]) {
+    uint32_t n = a->zone_count, concave[CR_ZONES_MAX] = {0u}, component[CR_ZONES_MAX], lead[CR_ZONES_MAX] = {0u};
+    for (uint32_t i = 0; i < n; i++) {
+        component[i] = i;
+        for (uint32_t j = 0; j < i; j++) {
+            int is = is_concave(s, &a->zones[i], &a->zones[j]);
+            concave[i] |= (uint32_t)is << j;
+            concave[j] |= (uint32_t)is << i;
+        }
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t j = 0; j < i; j++) {
+            if (!((concave[i] >> j) & 1u) && component[i] != component[j]) {
+                uint32_t from = component[i], to = component[j];
+                for (uint32_t k = 0; k < n; k++) {
+                    component[k] = component[k] == from ? to : component[k];
+                }
+            }
+        }
+    }
+    for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t j = 0; j < n; j++) {
+            lead[i] |= ((concave[i] >> j) & 1u) && component[i] == component[j];
+        }
+    }
+    uint32_t groups = 0u;
+    for (uint32_t i = 0; i < n; i++) {
+        int first = 1;
+        float leaders = 0.0f;
+        uint32_t any = 0u;
+        for (uint32_t j = 0; j < n; j++) {
+            if (component[j] == component[i]) {
+                first = first && j >= i;
+                leaders += lead[j] ? alpha[j] : 0.0f;
+                any |= lead[j];
+            }
+        }
+        if (any ? !lead[i] : !first) {
+            continue;
+        }
+        for (uint32_t j = 0; j < n; j++) {
+            int same = component[j] == component[i];
+            float part = any ? (leaders > 0.0f ? alpha[i] / leaders : 0.0f) : 1.0f;
+            share[groups][j] = !same ? 0.0f : !any || !lead[j] ? part : (j == i ? 1.0f : 0.0f);
+        }
+        groups++;
+    }
+    return groups;
+}
+
+/* Where the force of a group acts: the area's centroid, moved by how far the group's zones lie from the middle of all. */
+static cr_vec3 acting_point(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share) {
+    cr_vec3 centre =
+        xform_point(in->world_from_tool, v3_scale(v3(a->sum.px, a->sum.py, a->sum.pz), 1.0f / a->sum.area));
+    cr_vec3 mine = v3(0.0f, 0.0f, 0.0f), all = mine;
+    float mine_weight = 0.0f, all_weight = 0.0f;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        cr_vec3 d = v3_sub(a->zones[i].centre_world_m, centre);
+        mine = v3_mad(mine, d, w->alpha[i] * share[i]);
+        all = v3_mad(all, d, w->alpha[i]);
+        mine_weight += w->alpha[i] * share[i];
+        all_weight += w->alpha[i];
+    }
+    if (!(mine_weight > 0.0f) || !(all_weight > 0.0f)) {
+        return centre;
+    }
+    return v3_add(centre, v3_sub(v3_scale(mine, 1.0f / mine_weight), v3_scale(all, 1.0f / all_weight)));
+}
+
+static void report_area(const cr_area_work *a, const float *alpha, const float *share, cr_area *out) {
+    out->force_world_N = v3(0.0f, 0.0f, 0.0f);
+    out->area_m2 = a->sum.area;
+    out->zone_count = 0u;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        if (share[i] > 0.0f) {
+            cr_zone *zone = &out->zones[out->zone_count++];
+            *zone = a->zones[i];
+            zone->weight_m2 = alpha[i] * share[i];
+        }
+    }
+}
+
+/* One group of zones: normal, plane, depth. Returns 0 when it has no direction or no depth. */
+static int answer_group(const cr_respond_input *in, uint32_t index, const cr_area_work *a, const weights *w,
+                        const float *share, cr_area *out) {
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+    float offset = 0.0f;
+    uint32_t bits = 0u;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        sum = v3_mad(sum, w->vector_m2[i], share[i]);
+        offset += w->offset_m3[i] * share[i];
+        bits |= (uint32_t)(share[i] > 0.0f) << i;
+    }
+    float length = v3_norm(sum);
+    if (!(length > 1e-6f * a->sum.area)) {
+        return 0;
+    }
+    out->normal_world = v3_scale(sum, 1.0f / length);
+    out->offset_m = offset / length;
+    float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
+    out->depth_m = (out->offset_m - lowest) * min_f(1.0f, length / (OPEN_MIN * a->sum.area));
+    if (!(out->depth_m > 0.0f)) {
+        return 0;
+    }
+    out->point_world_m = acting_point(in, a, w, share);
+    report_area(a, w->alpha, share, out);
+    return 1;
+}
+
+static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr_area_work *a, cr_area *out,
+                            uint32_t room) {
+    weights w;
+    float share[CR_ZONES_MAX][CR_ZONES_MAX];
+    uint32_t made = 0u;
+    cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
+    responses[in->config->response].weigh(a, s, w.alpha);
+    make_generators(in, index, a, s, &w);
+    uint32_t groups = split_at_creases(in->field->scene, a, w.alpha, share);
+    for (uint32_t g = 0; g < groups && made < room; g++) {
+        made += (uint32_t)answer_group(in, index, a, &w, share[g], &out[made]);
+    }
+    return made;
+}
+
+uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
+                    cr_stats *stats) {
+    uint32_t made = 0u;
+    for (uint32_t i = 0; i < areas->count; i++) {
+        const cr_area_work *a = &areas->areas[i];
+        if (a->zone_count == 0u || !(a->sum.area > 0.0f)) {
+            continue;
+        }
+        if (made >= out_max) {
+            stats->areas_merged++;
+            continue;
+        }
+        made += answer_area(in, i, a, &out[made], out_max - made);
+    }
+    return made;
+}

@@ -1,0 +1,148 @@
+/* The stages of one tick, in flow order, and what passes between them. Internal: users include crease.h.
+ *
+ *     pose -> detect -> zones -> respond -> wrench
+ *
+ * Each stage reads const inputs, writes one output and counts in stats. Frames are in the names; lengths in m. */
+#ifndef CR_STAGES_H
+#define CR_STAGES_H
+
+#include "crease.h"
+#include "image.h"
+#include "math3.h"
+
+/* Distance and its gradient at 16 world points. Saturated at the band: |phi_m| is then a lower bound. */
+typedef struct {
+    float phi_m[CR_LANES];
+    float gx[CR_LANES], gy[CR_LANES], gz[CR_LANES]; /* gradient, world frame; 0 in far bricks */
+    uint32_t kind[CR_LANES];                        /* index into scene->kinds; 0 when no surface is near */
+    uint32_t facet[CR_LANES];                       /* facet that gave phi, or CR_FACET_NONE */
+} cr_lookup;
+#define CR_FACET_NONE 0xffffffffu
+
+typedef struct {
+    float x[CR_LANES], y[CR_LANES], z[CR_LANES];
+} cr_lanes3;
+
+/* Purpose  CRC-32 (IEEE 802.3) of an image with its crc32 field taken as zero. */
+uint32_t cr_image_crc(const uint8_t *image, uint32_t size_bytes);
+
+/* Constants of a scene that every lookup needs, computed once by cr_field_init. */
+typedef struct {
+    const cr_scene *scene;
+    float inv_brick;
+    float grid_max[3]; /* largest float below dims, so that truncation stays inside the grid */
+    int32_t dims[3];
+} cr_field;
+
+void cr_field_init(cr_field *field, const cr_scene *scene);
+
+/* Purpose  signed distance of 16 points to the static surface, negative inside.
+ * Shapes   world_m: CR_LANES points, finite.   Output  every lane written.
+ * Cost     16 lanes about 50 ns (README.md "Numbers").   Source  DESIGN.md "Distance". */
+void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup *out);
+
+/* Purpose  points of a cluster or sphere centres of a group, tool frame to world frame. */
+void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float *y, const float *z,
+                       cr_lanes3 *world_m);
+
+/* A cluster with coverage: what it adds to its contact area. Tool frame, so that whole clusters need no arithmetic. */
+typedef struct {
+    uint32_t cluster;
+    uint16_t inside; /* lanes with phi <= 0 */
+    uint16_t near;   /* lanes with 0 < phi < reach, where the surface between samples may still be inside */
+    uint16_t area;   /* set by zones: index of the contact area */
+    uint16_t whole;  /* 1: every lane fully covered */
+    struct cr_img_sum sum;
+} cr_hit;
+
+/* What a cluster touches of one static patch. */
+typedef struct {
+    uint16_t hit;
+    uint16_t mixed;        /* 1: more than one facet */
+    uint32_t facet;        /* the first facet */
+    float area_m2;         /* coverage times tool area, projected on the surface */
+    cr_vec3 normal_sum_m2; /* area times surface normal, world */
+    cr_vec3 point_sum_m3;  /* area times nearest surface point, world */
+} cr_touch;
+
+typedef struct {
+    uint32_t hit_count, touch_count;
+    cr_hit hits[CR_CLUSTERS_MAX];
+    cr_touch touches[CR_TOUCHES_MAX];
+} cr_contact_set;
+
+/* Purpose  area, area vector and first moment of a cluster under the given coverage, lanes added in a fixed order.
+ * Shapes   w[CR_LANES] in 0..1. The image holds the result for w = 1, made by this function. */
+void cr_sum_cluster(const struct cr_img_cluster *cluster, const float *w, struct cr_img_sum *sum);
+
+/* How far the tool may have moved since a sphere was last looked at: bounds that only grow. */
+typedef struct {
+    float slide_m;  /* sum of |translation of the tool origin| */
+    float turn_rad; /* sum of 2 |change of the quaternion|: turn * rho bounds the motion of a point at rho */
+    cr_pose last;
+    uint32_t valid;
+    float root_wake_m;
+    float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */
+    uint32_t wake_count;
+} cr_motion;
+
+typedef struct {
+    uint32_t skip;     /* CR_SKIP_* */
+    uint32_t coverage; /* cr_coverage */
+} cr_detect_options;
+
+/* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
+void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
+
+/* Purpose  the clusters of the shell that reach into the static object, in ascending order, with their coverage sums and
+ *          the surfaces they touch.
+ * Output   *set; the same to the bit for every subset of options->skip.
+ * Errors   none: capacities are counted in stats.
+ * Cost     at most CR_KERNELS_MAX lookups of 16 lanes.   Source  DESIGN.md "Detect" [2][3]. */
+void cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
+               cr_contact_set *set, cr_stats *stats);
+
+/* Surface state of a zone that respond needs and the report does not. */
+typedef struct {
+    uint32_t curved;  /* 1: more than one facet, plane found by support */
+    uint32_t facet;   /* the facet, when there is one */
+    float spread_rad; /* standard deviation of its normals; 0 when planar */
+} cr_zone_shape;
+
+/* A contact area between zones and respond. Sums in the tool frame. */
+typedef struct {
+    struct cr_img_sum sum;
+    uint32_t zone_count;
+    cr_zone zones[CR_ZONES_MAX];
+    cr_zone_shape shapes[CR_ZONES_MAX];
+} cr_area_work;
+
+typedef struct {
+    uint32_t count;
+    cr_area_work areas[CR_AREAS_MAX];
+} cr_area_set;
+
+/* Purpose  group the hits into contact areas (connected pieces of tool surface) and the touches of each area into contact
+ *          zones (one per smooth static patch).
+ * Shapes   hit_of_cluster[scene->cluster_count], all CR_HIT_NONE between ticks.
+ * Output   set->hits[].area, *areas.   Source  DESIGN.md "Zones and area normal" [1]. */
+void cr_zones(const cr_scene *scene, uint16_t *hit_of_cluster, cr_contact_set *set, cr_area_set *areas,
+              cr_stats *stats);
+#define CR_HIT_NONE 0xffffu
+
+/* What a response may look at to turn one area into normal, plane and depth. */
+typedef struct {
+    const cr_field *field;
+    const xform *world_from_tool;
+    const cr_contact_set *set;
+    const cr_config *config;
+} cr_respond_input;
+
+/* Purpose  areas with normal, contact plane, depth and acting point: the response that config selects. Concave creases
+ *          split areas here.
+ * Output   out[0..return), no force yet; every number finite.   Cost  O(hits of the areas).
+ * Source   DESIGN.md "Zones and area normal", "Concave creases" [1]. */
+uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
+                    cr_stats *stats);
+
+#endif

@@ -1,0 +1,256 @@
+"""`bake`: two meshes become one scene image. features -> voxmap, shell -> image."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.bake.layout import EDGE, META, PAIR, pack
+from crease.bake.shell import Shell, make_shell
+from crease.bake.surface import Surface, make_surface
+from crease.bake.voxmap import Voxmap, make_voxmap
+from crease.errors import MeshError
+from crease.mesh import Mesh
+from crease.native import ffi, lib
+
+__all__ = ["BakeOptions", "BakeResult", "bake_scene"]
+
+Progress = Callable[[str, float], None]
+
+PROBES = 40_000
+"""Points at which the finished image is compared with exact distances."""
+
+
+@dataclass(frozen=True)
+class BakeOptions:
+    """What the user may choose; None means sensible from the sizes."""
+
+    voxel_m: float | None = None
+    spacing_m: float | None = None
+    crease_angle_deg: float = 30.0
+    tolerance_m: float | None = None
+
+
+@dataclass(frozen=True)
+class BakeResult:
+    """A scene image and what making it found."""
+
+    image: bytes
+    report: dict[str, object]
+
+
+def default_spacing_m(tool: Mesh) -> float:
+    """A thirtieth of the tool's middle size, coarser when that made over 20,000 samples."""
+    size = np.sort(np.ptp(tool.vertices_m, axis=0))
+    v = tool.vertices_m[tool.triangles]
+    area = 0.5 * np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1).sum()
+    return _rounded(max(float(size[1]) / 30, math.sqrt(float(area) / 20_000)))
+
+
+def default_voxel_m(static: Mesh, spacing_m: float) -> float:
+    """The spacing of the shell, coarser when the static object were over 600 voxels long."""
+    size = np.ptp(static.vertices_m, axis=0)
+    return _rounded(max(spacing_m, float(size.max()) / 600))
+
+
+def _rounded(value: float) -> float:
+    """Two significant digits."""
+    return float(f"{value:.1e}")
+
+
+def _check(options: BakeOptions, static: Mesh, tool: Mesh) -> tuple[float, float, float]:
+    spacing = options.spacing_m or default_spacing_m(tool)
+    voxel = options.voxel_m or default_voxel_m(static, spacing)
+    tolerance = options.tolerance_m or voxel / 20
+    for name, value in (("--spacing", spacing), ("--voxel", voxel), ("--tolerance", tolerance)):
+        if not (math.isfinite(value) and value > 0):
+            raise MeshError(f"{name} {value}: must be a positive length")
+    span = float(np.ptp(tool.vertices_m, axis=0).max())
+    if spacing > span:
+        raise MeshError(
+            f"--spacing {spacing:g} m is larger than the tool ({span:g} m): use a smaller one"
+        )
+    return voxel, spacing, tolerance
+
+
+def _pairs(surface: Surface) -> npt.NDArray[Any]:
+    sides = np.sort(surface.creases.patch, axis=1)
+    label = np.where(surface.creases.convex, lib.CR_PAIR_CONVEX, lib.CR_PAIR_CONCAVE)
+    apart = sides[:, 0] != sides[:, 1]
+    keys, inverse = np.unique(sides[apart], axis=0, return_inverse=True)
+    bits = np.zeros(len(keys), np.int64)
+    np.bitwise_or.at(bits, inverse.reshape(-1), label[apart])
+    out = np.zeros(len(keys), PAIR)
+    out["first"], out["second"] = (keys[:, 0], keys[:, 1]) if len(keys) else (0, 0)
+    out["label"] = bits
+    return out
+
+
+def _edges(surface: Surface) -> npt.NDArray[Any]:
+    creases = surface.creases
+    out = np.zeros(len(creases.convex), EDGE)
+    out["a_m"], out["b_m"] = creases.ends_m[:, 0], creases.ends_m[:, 1]
+    out["patch"] = creases.patch
+    out["label"] = np.where(creases.convex, lib.CR_PAIR_CONVEX, lib.CR_PAIR_CONCAVE)
+    out["angle_rad"] = creases.angle_rad
+    return out
+
+
+def _meta(
+    surface: Surface, voxmap: Voxmap, shell: Shell, tool: Mesh, options: BakeOptions
+) -> npt.NDArray[Any]:
+    meta = np.zeros(1, META)
+    grid, static = voxmap.grid, surface.mesh
+    values: dict[str, object] = {
+        "origin_m": grid.origin_m,
+        "brick_m": grid.brick_m,
+        "dims": grid.dims,
+        "voxel_m": grid.voxel_m,
+        "band_m": voxmap.band_m,
+        "quantum_m": voxmap.quantum_m,
+        "error_bound_m": voxmap.error_bound_m,
+        "crease_angle_rad": math.radians(options.crease_angle_deg),
+        "spacing_m": shell.spacing_m,
+        "tool_radius_m": shell.tool_radius_m,
+        "root_centre_m": shell.root_centre_m,
+        "root_radius_m": shell.root_radius_m,
+        "shell_area_m2": shell.area_m2,
+        "reach_max_m": np.float32(shell.reach_max_m * (1 + 1e-6)),
+        "point_count": shell.points,
+        "levels": shell.levels,
+        "patch_count": surface.counts["patches"],
+        "static_triangles": len(static.triangles),
+        "tool_triangles": len(tool.triangles),
+        "static_unit_m": static.unit_m,
+        "tool_unit_m": tool.unit_m,
+        "static_sha256": np.frombuffer(bytes.fromhex(static.digest_sha256), np.uint8),
+        "tool_sha256": np.frombuffer(bytes.fromhex(tool.digest_sha256), np.uint8),
+        "static_min_m": static.vertices_m.min(axis=0),
+        "static_max_m": static.vertices_m.max(axis=0),
+        "tool_min_m": tool.vertices_m.min(axis=0),
+        "tool_max_m": tool.vertices_m.max(axis=0),
+        **{
+            f"{name}_edges": surface.counts[f"{name}_edges"]
+            for name in ("smooth", "convex", "concave")
+        },
+    }
+    for name, value in values.items():
+        meta[name] = value
+    return meta
+
+
+def _assemble(
+    surface: Surface, voxmap: Voxmap, shell: Shell, meta: npt.NDArray[Any]
+) -> npt.NDArray[np.uint8]:
+    sections: dict[int, npt.NDArray[Any]] = {
+        int(lib.CR_SEC_META): meta,
+        int(lib.CR_SEC_TOP): voxmap.top,
+        int(lib.CR_SEC_BRICKS): voxmap.bricks,
+        int(lib.CR_SEC_SAMPLES): voxmap.samples,
+        int(lib.CR_SEC_CELLS): voxmap.cells,
+        int(lib.CR_SEC_KINDS): voxmap.kinds,
+        int(lib.CR_SEC_FACETS): voxmap.facets,
+        int(lib.CR_SEC_PAIRS): _pairs(surface),
+        int(lib.CR_SEC_EDGES): _edges(surface),
+        int(lib.CR_SEC_CLUSTERS): shell.clusters,
+        int(lib.CR_SEC_SUMS): shell.sums,
+        int(lib.CR_SEC_GROUPS): shell.groups,
+        int(lib.CR_SEC_ADJ_START): shell.adj_start,
+        int(lib.CR_SEC_ADJ): shell.adj,
+    }
+    return pack(sections)
+
+
+def surface_probes(surface: Surface, near_m: float, count: int) -> npt.NDArray[np.float64]:
+    """Points within near_m of the surface, half of them next to creases. Shape (count, 3); the same every time."""
+    rng = np.random.default_rng(20070101)
+    v = surface.mesh.vertices_m[surface.mesh.triangles]
+    area = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1)
+    which = rng.choice(len(v), count, p=area / area.sum())
+    uv = rng.random((count, 2))
+    uv = np.where(uv.sum(axis=1, keepdims=True) > 1, 1 - uv, uv)
+    points = (
+        v[which, 0]
+        + uv[:, :1] * (v[which, 1] - v[which, 0])
+        + uv[:, 1:] * (v[which, 2] - v[which, 0])
+    )
+    ends = surface.creases.ends_m
+    if len(ends):
+        half = count // 2
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        edge = rng.choice(len(ends), half, p=length / length.sum())
+        points[:half] = ends[edge, 0] + rng.random((half, 1)) * (ends[edge, 1] - ends[edge, 0])
+    offset = rng.normal(size=(count, 3))
+    offset *= near_m * rng.random((count, 1)) / np.linalg.norm(offset, axis=1, keepdims=True)
+    return np.asarray(points + offset)
+
+
+def measure_error(
+    image: npt.NDArray[np.uint8], surface: Surface, near_m: float
+) -> tuple[float, float]:
+    """Largest and RMS error of the firmware's lookup against exact distances near the surface, in m."""
+    from crease.scene import open_image
+
+    scene = open_image(image.tobytes(), "new image")
+    points = surface_probes(surface, near_m, PROBES).astype(np.float32)
+    exact, _ = surface.signed_distance(points.astype(np.float64))
+    phi, gradient = np.empty(len(points), np.float32), np.empty(points.shape, np.float32)
+    kind, facet = np.empty(len(points), np.uint32), np.empty(len(points), np.uint32)
+    lib.crp_look_up(
+        scene.handle,
+        ffi.from_buffer("float[]", points.reshape(-1)),
+        len(points),
+        ffi.from_buffer("float[]", phi),
+        ffi.from_buffer("float[]", gradient.reshape(-1)),
+        ffi.from_buffer("uint32_t[]", kind),
+        ffi.from_buffer("uint32_t[]", facet),
+    )
+    error = np.abs(phi - exact)[np.abs(exact) < near_m]
+    return float(error.max()), float(np.sqrt((error**2).mean()))
+
+
+def bake_scene(
+    static: Mesh, tool: Mesh, options: BakeOptions | None = None, progress: Progress | None = None
+) -> BakeResult:
+    """Make the scene image of a static mesh and a tool mesh (closed, metres).
+
+    Errors: MeshError when the sizes do not fit together.
+    """
+    options = options or BakeOptions()
+    report = progress or (lambda _label, _part: None)
+    start_s = time.perf_counter()
+    voxel_m, spacing_m, tolerance_m = _check(options, static, tool)
+    report("features", 0.0)
+    surface = make_surface(static, options.crease_angle_deg)
+    report("shell", 0.0)
+    shell = make_shell(make_surface(tool, options.crease_angle_deg), spacing_m)
+    near_m = max(0.55 * shell.h_max_m, 0.5 * voxel_m)
+    voxmap = make_voxmap(surface, voxel_m, near_m, tolerance_m, report)
+    meta = _meta(surface, voxmap, shell, tool, options)
+    image = _assemble(surface, voxmap, shell, meta)
+    error_max, error_rms = measure_error(image, surface, near_m)
+    meta["error_max_m"], meta["error_rms_m"] = error_max, error_rms
+    image = _assemble(surface, voxmap, shell, meta)
+    return BakeResult(
+        image.tobytes(),
+        {
+            "seconds": round(time.perf_counter() - start_s, 3),
+            "image_bytes": len(image),
+            "voxel_m": voxmap.grid.voxel_m,
+            "spacing_m": spacing_m,
+            "tolerance_m": tolerance_m,
+            "error_max_m": error_max,
+            "error_rms_m": error_rms,
+            "bricks_by_level": voxmap.levels,
+            "cells_by_kind": voxmap.kind_counts,
+            "facets": surface.counts["facets"],
+            "points": shell.points,
+            "clusters": len(shell.clusters),
+        },
+    )

@@ -1,0 +1,100 @@
+"""NumPy record types of the scene image, read from the C structs themselves, and the packing of sections."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.native import ffi, lib
+
+_PRIMITIVES = {
+    "float": "<f4",
+    "uint8_t": "u1",
+    "int16_t": "<i2",
+    "uint16_t": "<u2",
+    "uint32_t": "<u4",
+}
+
+
+def _field_type(kind: Any) -> Any:
+    if kind.kind == "array":
+        return np.dtype((_field_type(kind.item), (kind.length,)))
+    return np.dtype(_PRIMITIVES[kind.cname])
+
+
+def record(name: str) -> np.dtype[Any]:
+    """The NumPy type of `struct NAME` with the same offsets and size as in C."""
+    kind = ffi.typeof(f"struct {name}")
+    names = [field for field, _ in kind.fields]
+    return np.dtype(
+        {
+            "names": names,
+            "formats": [_field_type(info.type) for _, info in kind.fields],
+            "offsets": [info.offset for _, info in kind.fields],
+            "itemsize": ffi.sizeof(kind),
+        }
+    )
+
+
+META = record("cr_img_meta")
+BRICK = record("cr_img_brick")
+KIND = record("cr_img_kind")
+FACET = record("cr_img_facet")
+PAIR = record("cr_img_pair")
+EDGE = record("cr_img_edge")
+CLUSTER = record("cr_img_cluster")
+SUM = record("cr_img_sum")
+GROUP = record("cr_img_group")
+HEADER = record("cr_img_header")
+SECTION = record("cr_img_section")
+
+LANES = int(lib.CR_LANES)
+ALIGN = int(lib.CR_IMG_ALIGN)
+CELLS_SIDE = int(lib.CR_CELLS_SIDE)
+CELLS_NONE = int(lib.CR_CELLS_NONE)
+KIND_FACETS_MAX = int(lib.CR_KIND_FACETS_MAX)
+LEVEL_MAX = int(lib.CR_BRICK_LEVEL_MAX)
+
+MAGIC = b"CREASE\r\n"
+
+
+def _padded(count: int) -> int:
+    return -(-count // ALIGN) * ALIGN
+
+
+def pack(sections: dict[int, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+    """One image of all sections, checksum included.
+
+    Shapes: sections maps every CR_SEC_* to a 1-D array (records or numbers).
+    """
+    ids = sorted(sections)
+    assert ids == list(range(1, int(lib.CR_SEC_COUNT) + 1))
+    head = _padded(HEADER.itemsize + len(ids) * SECTION.itemsize)
+    table = np.zeros(len(ids), SECTION)
+    at = head
+    for row, key in enumerate(ids):
+        data = sections[key]
+        table[row] = (key, at, len(data), data.dtype.itemsize)
+        at = _padded(at + data.nbytes)
+    image = np.zeros(at, np.uint8)
+    header = np.zeros(1, HEADER)
+    header["magic"] = np.frombuffer(MAGIC, np.uint8)
+    header["version"] = lib.CR_IMAGE_VERSION
+    header["size_bytes"] = at
+    header["section_count"] = len(ids)
+    image[: HEADER.itemsize] = header.view(np.uint8).reshape(-1)
+    image[HEADER.itemsize : HEADER.itemsize + table.nbytes] = table.view(np.uint8).reshape(-1)
+    for row, key in enumerate(ids):
+        data = np.ascontiguousarray(sections[key])
+        start = int(table[row]["offset"])
+        image[start : start + data.nbytes] = data.view(np.uint8).reshape(-1)
+    seal(image)
+    return image
+
+
+def seal(image: npt.NDArray[np.uint8]) -> None:
+    """Write the checksum of the image into its header."""
+    header = image[: HEADER.itemsize].view(HEADER)
+    header["crc32"] = lib.crp_image_crc(ffi.from_buffer("uint8_t[]", image), len(image))

@@ -1,0 +1,157 @@
+"""The static surface as the bake sees it: facets, patches, creases and exact distances (C, host/native/bake.c)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.errors import MeshError
+from crease.mesh import Mesh
+from crease.native import ffi, lib
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+
+THREADS = 2
+_CHUNK = 16384
+
+
+def _ptr(kind: str, array: npt.NDArray[Any]) -> Any:
+    return ffi.from_buffer(kind, array)
+
+
+@dataclass(frozen=True)
+class Creases:
+    """Sharp edges. Shapes: ends_m (n, 2, 3), patch (n, 2), convex (n,), angle_rad (n,)."""
+
+    ends_m: F64
+    patch: I32
+    convex: npt.NDArray[np.bool_]
+    angle_rad: F64
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A closed mesh with its features.
+
+    Shapes: facet_of, patch_of (triangles,); facet_plane (facets, 4) unit normal and offset; facet_patch,
+    facet_area_m2 (facets,).
+    """
+
+    handle: Any = field(repr=False)
+    mesh: Mesh = field(repr=False)
+    counts: dict[str, int]
+    facet_of: I32
+    patch_of: I32
+    facet_plane: F64
+    facet_patch: I32
+    facet_area_m2: F64
+    creases: Creases
+
+    def signed_distance(
+        self, points_m: F64, tick: Callable[[float], None] | None = None
+    ) -> tuple[F64, I32]:
+        """Exact signed distance, negative inside, and nearest triangle of each point.
+
+        Shapes: points_m (n, 3), neighbouring points close together for speed.
+        """
+        points = np.ascontiguousarray(points_m, np.float64).reshape(-1, 3)
+        phi = np.empty(len(points))
+        triangle = np.empty(len(points), np.int32)
+
+        def work(first: int) -> None:
+            end = min(first + _CHUNK, len(points))
+            lib.crb_signed_distance(
+                self.handle,
+                _ptr("double[]", points[first:end]),
+                end - first,
+                _ptr("double[]", phi[first:end]),
+                _ptr("int32_t[]", triangle[first:end]),
+            )
+
+        starts = range(0, len(points), _CHUNK)
+        with ThreadPoolExecutor(THREADS) as pool:
+            for done, _ in enumerate(pool.map(work, starts)):
+                if tick is not None:
+                    tick((done + 1) / len(starts))
+        return phi, triangle
+
+    def mark_bricks(
+        self, origin_m: F64, brick_m: float, dims: tuple[int, int, int], reach_m: float
+    ) -> npt.NDArray[np.bool_]:
+        """Bricks that the surface comes within reach_m of. Shapes: dims x, y, z; result (z, y, x)."""
+        flags = np.zeros((dims[2], dims[1], dims[0]), np.uint8)
+        lib.crb_mark_bricks(
+            self.handle,
+            _ptr("double[]", np.ascontiguousarray(origin_m)),
+            brick_m,
+            list(dims),
+            reach_m,
+            _ptr("uint8_t[]", flags.reshape(-1)),
+        )
+        return flags.astype(bool)
+
+
+def plane_tolerance_m(mesh: Mesh) -> float:
+    """How far vertices of one planar facet may lie from its plane: rounding of single-precision files."""
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0)))
+    reach = float(np.abs(mesh.vertices_m).max())
+    return 4e-7 * max(diagonal, reach)
+
+
+def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
+    """Features and search tree of a mesh.   Errors: MeshError when the mesh is not closed."""
+    vertices = np.ascontiguousarray(mesh.vertices_m, np.float64)
+    triangles = np.ascontiguousarray(mesh.triangles, np.int32)
+    raw = lib.crb_mesh_new(
+        _ptr("double[]", vertices),
+        len(vertices),
+        _ptr("int32_t[]", triangles),
+        len(triangles),
+        math.radians(crease_angle_deg),
+        plane_tolerance_m(mesh),
+    )
+    if raw == ffi.NULL:
+        raise MeshError(f"{mesh.source}: not enough memory for {len(triangles):,} triangles")
+    handle = ffi.gc(raw, lib.crb_mesh_free)
+    counts = ffi.new("crb_counts *")
+    lib.crb_mesh_counts(handle, counts)
+    facets, creases = counts.facets, counts.convex_edges + counts.concave_edges
+    facet_of, patch_of = np.empty(len(triangles), np.int32), np.empty(len(triangles), np.int32)
+    plane, patch = np.empty((facets, 4)), np.empty(facets, np.int32)
+    area = np.empty(facets)
+    lib.crb_mesh_features(
+        handle,
+        _ptr("int32_t[]", facet_of),
+        _ptr("int32_t[]", patch_of),
+        _ptr("double[]", plane),
+        _ptr("int32_t[]", patch),
+        _ptr("double[]", area),
+    )
+    ends, sides = np.empty((creases, 2, 3)), np.empty((creases, 2), np.int32)
+    convex, angle = np.empty(creases, np.uint8), np.empty(creases)
+    lib.crb_mesh_creases(
+        handle,
+        _ptr("double[]", ends),
+        _ptr("int32_t[]", sides),
+        _ptr("uint8_t[]", convex),
+        _ptr("double[]", angle),
+    )
+    names = "triangles vertices facets patches smooth_edges convex_edges concave_edges open_edges"
+    return Surface(
+        handle,
+        mesh,
+        {name: int(getattr(counts, name)) for name in names.split()},
+        facet_of,
+        patch_of,
+        plane,
+        patch,
+        area,
+        Creases(ends, sides, convex.astype(bool), angle),
+    )

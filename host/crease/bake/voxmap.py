@@ -1,0 +1,494 @@
+"""The static object as a two-level sparse voxmap: bricks of signed distances and the surfaces each cell sees."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from crease.bake.layout import (
+    BRICK,
+    CELLS_NONE,
+    CELLS_SIDE,
+    FACET,
+    KIND,
+    KIND_FACETS_MAX,
+    LEVEL_MAX,
+)
+from crease.bake.surface import Surface
+from crease.errors import MeshError
+from crease.native import lib
+
+F64 = npt.NDArray[np.float64]
+I32 = npt.NDArray[np.int32]
+Tick = Callable[[float], None]
+
+BASE_LEVEL = 3
+"""Bricks start with 2^3 cells a side: the voxel."""
+FLAT_SHARE = 0.25
+"""A brick gets coarser while its samples stay within this share of the tolerance."""
+PROBE_SIDE = 4
+"""Points a side at which the planes of a crease cell are checked against exact distances."""
+BRICKS_MAX = 1_000_000
+GRID_MAX = 200_000_000
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Brick grid. Shapes: origin_m (3,); dims x, y, z."""
+
+    origin_m: F64
+    dims: tuple[int, int, int]
+    brick_m: float
+    voxel_m: float
+    near_m: float
+
+
+@dataclass
+class Voxmap:
+    """Image records of the static object."""
+
+    grid: Grid
+    top: npt.NDArray[np.uint32]
+    bricks: npt.NDArray[Any]
+    samples: npt.NDArray[np.int16]
+    cells: npt.NDArray[np.uint16]
+    kinds: npt.NDArray[Any]
+    facets: npt.NDArray[Any]
+    quantum_m: float
+    band_m: float
+    error_bound_m: float
+    levels: dict[int, int]
+    kind_counts: dict[str, int]
+
+
+def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
+    """A grid whose border bricks are all farther than near_m from the surface."""
+    brick = float(np.float32(voxel_m * CELLS_SIDE))
+    low, high = surface.mesh.vertices_m.min(axis=0), surface.mesh.vertices_m.max(axis=0)
+    pad = brick + 1.01 * near_m
+    origin = (low - pad).astype(np.float32).astype(np.float64)
+    dims = np.ceil((high + pad - origin) / brick).astype(np.int64)
+    if int(np.prod(dims)) > GRID_MAX or int(dims.max()) > 65536:
+        raise MeshError(
+            f"{surface.mesh.source}: a voxel of {voxel_m:g} m makes {np.prod(dims):,} bricks, at most {GRID_MAX:,} fit;"
+            " use a larger --voxel"
+        )
+    return Grid(
+        origin, (int(dims[0]), int(dims[1]), int(dims[2])), brick, brick / CELLS_SIDE, near_m
+    )
+
+
+def brick_points(grid: Grid, bricks: npt.NDArray[np.int64], offsets: F64) -> F64:
+    """Points of bricks: brick indices (n, 3) as x, y, z; offsets (m, 3) in 0..1 of a brick; result (n, m, 3)."""
+    return grid.origin_m + (bricks[:, None, :] + offsets[None, :, :]) * grid.brick_m
+
+
+def lattice(count: int, low: float = 0.0, high: float = 1.0) -> F64:
+    """count^3 points of a cube, x fastest, (n, 3)."""
+    line = np.linspace(low, high, count)
+    z, y, x = np.meshgrid(line, line, line, indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+
+
+def trilinear(samples: F64, at: F64) -> F64:
+    """Values of cubes of samples (n, s, s, s), indexed z, y, x, at points (m, 3) in 0..1: (n, m)."""
+    side = samples.shape[1] - 1
+    cell = np.minimum((at * side).astype(np.int64), side - 1)
+    part = at * side - cell
+    total = np.zeros((len(samples), len(at)))
+    for corner in range(8):
+        d = np.array([corner & 1, corner >> 1 & 1, corner >> 2])
+        weight = np.prod(np.where(d, part, 1 - part), axis=1)
+        x, y, z = (cell + d).T
+        total += weight * samples[:, z, y, x]
+    return total
+
+
+def choose_levels(phi: F64, tolerance_m: float) -> I32:
+    """The coarsest level of each brick that reproduces its base samples. Shapes: phi (n, 9, 9, 9)."""
+    level = np.full(len(phi), BASE_LEVEL, np.int32)
+    at = lattice(2**BASE_LEVEL + 1)
+    open_ = np.arange(len(phi))
+    for candidate in range(BASE_LEVEL - 1, -1, -1):
+        step = 2 ** (BASE_LEVEL - candidate)
+        kept = []
+        for part in np.array_split(open_, max(1, len(open_) // 2048)):
+            coarse = trilinear(phi[part][:, ::step, ::step, ::step], at)
+            error = np.abs(coarse - phi[part].reshape(len(part), -1)).max(axis=1)
+            kept.append(part[error <= FLAT_SHARE * tolerance_m])
+        open_ = np.concatenate(kept)
+        level[open_] = candidate
+    return level
+
+
+class Kinds:
+    """The table of what cells see, without repetition, and the facets it names."""
+
+    def __init__(self, surface: Surface) -> None:
+        self._surface = surface
+        self._rows: list[tuple[int, tuple[int, ...]]] = [(int(lib.CR_KIND_EMPTY), ())]
+        self._index: dict[tuple[int, tuple[int, ...]], int] = {self._rows[0]: 0}
+        self._planes: list[tuple[F64, int, int]] = []
+        self._planar: dict[int, int] = {}
+        self._curved: dict[int, int] = {}
+
+    def planar(self, facet: int) -> int:
+        """Index in the image of a real facet."""
+        if facet not in self._planar:
+            self._planar[facet] = len(self._planes)
+            patch = int(self._surface.facet_patch[facet])
+            self._planes.append((self._surface.facet_plane[facet], patch, 0))
+        return self._planar[facet]
+
+    def curved(self, patch: int) -> int:
+        """Index in the image of the facet that stands for a curved patch."""
+        if patch not in self._curved:
+            self._curved[patch] = len(self._planes)
+            mine = self._surface.facet_patch == patch
+            self._planes.append((self._mean(np.flatnonzero(mine)), patch, 1))
+        return self._curved[patch]
+
+    def local(self, facets: npt.NDArray[np.int64], patch: int) -> int:
+        """Index of a new facet that stands for some facets of a curved patch near one cell."""
+        self._planes.append((self._mean(facets), patch, 1))
+        return len(self._planes) - 1
+
+    def _mean(self, facets: npt.NDArray[Any]) -> F64:
+        area = self._surface.facet_area_m2[facets][:, None]
+        plane = (self._surface.facet_plane[facets] * area).sum(axis=0) / max(area.sum(), 1e-300)
+        length = float(np.linalg.norm(plane[:3]))
+        if length < 1e-3:
+            return np.array([0.0, 0.0, 1.0, 0.0])
+        return np.asarray(plane / length)
+
+    def index(self, kind: int, facets: tuple[int, ...]) -> int:
+        """Index of a table row, made when new."""
+        key = (kind, facets)
+        if key not in self._index:
+            self._index[key] = len(self._rows)
+            self._rows.append(key)
+        return self._index[key]
+
+    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """The image sections KINDS and FACETS."""
+        kinds = np.zeros(len(self._rows), KIND)
+        for row, (kind, facets) in zip(kinds, self._rows, strict=True):
+            row["kind"], row["count"] = kind, len(facets)
+            row["facet"][: len(facets)] = facets
+        planes = np.zeros(len(self._planes), FACET)
+        for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
+            row["normal"], row["offset_m"] = plane[:3], plane[3]
+            row["patch"], row["curved"] = patch, curved
+        return kinds, planes
+
+
+def convex_distance(planes: F64, points: F64) -> F64:
+    """What the firmware computes in a convex crease cell. Shapes: planes (k, 4), points (n, 3), result (n,)."""
+    height = points @ planes[:, :3].T - planes[:, 3]
+    order = np.argsort(-height, axis=1, kind="stable")
+    first, second = order[:, 0], order[:, 1]
+    rows = np.arange(len(points))
+    a, b = height[rows, first], height[rows, second]
+    c = np.einsum("nx,nx->n", planes[first, :3], planes[second, :3])
+    rise, sine2 = b - c * a, 1 - c * c
+    edge = (a > 0) & (rise > 0) & (sine2 >= 1e-6)
+    return np.where(edge, np.sqrt(a * a + rise * rise / np.where(edge, sine2, 1.0)), a)
+
+
+class CellSorter:
+    """Finds what every cell of the near bricks sees."""
+
+    def __init__(self, surface: Surface, grid: Grid, tolerance_m: float) -> None:
+        self.kinds = Kinds(surface)
+        self._surface = surface
+        self._grid = grid
+        self._tolerance_m = tolerance_m
+
+    def sort(self, where: npt.NDArray[np.int64], phi: F64, facet: I32, tick: Tick) -> I32:
+        """Kind index of each cell.
+
+        Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
+        """
+        patch = self._surface.facet_patch[facet]
+        result = np.zeros((len(where), CELLS_SIDE, CELLS_SIDE, CELLS_SIDE), np.int32)
+        hard: list[tuple[int, npt.NDArray[np.int64]]] = []
+        for i in range(len(where)):
+            cells = self._plain_cells(phi[i], facet[i], patch[i])
+            result[i], crease = cells
+            if len(crease):
+                hard.append((i, crease))
+        if hard:
+            self._sort_creases(where, hard, result, tick)
+        return result
+
+    def _plain_cells(self, phi: F64, facet: I32, patch: I32) -> tuple[I32, npt.NDArray[np.int64]]:
+        """Cells whose corners agree on a patch; and the others near the surface (with their neighbours), (m, 3) z, y, x."""
+        if (facet == facet[0, 0, 0]).all():
+            kind = self.kinds.index(
+                int(lib.CR_KIND_PLANAR), (self.kinds.planar(int(facet[0, 0, 0])),)
+            )
+            return np.full((CELLS_SIDE,) * 3, kind, np.int32), np.zeros((0, 3), np.int64)
+        corners_facet, corners_patch = _corners(facet), _corners(patch)
+        corners_phi = np.abs(_corners(phi))
+        rows = np.arange(CELLS_SIDE**3)
+        nearest = corners_phi.argmin(axis=1)
+        one_facet = (corners_facet == corners_facet[:, :1]).all(axis=1)
+        mixed = (corners_patch != corners_patch[:, :1]).any(axis=1).reshape((CELLS_SIDE,) * 3)
+        close = corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m
+        wide = ndimage.binary_dilation(mixed, np.ones((3, 3, 3), bool)).ravel() & close
+        chosen = corners_facet[rows, nearest]
+        keys = np.where(one_facet, chosen, -1 - corners_patch[rows, nearest])
+        values, inverse = np.unique(keys, return_inverse=True)
+        table = np.array([self._plain(int(v)) for v in values], np.int32)
+        cells = table[inverse.reshape(-1)].reshape((CELLS_SIDE,) * 3)
+        return cells, np.argwhere(wide.reshape(cells.shape))
+
+    def _plain(self, key: int) -> int:
+        if key >= 0:
+            return self.kinds.index(int(lib.CR_KIND_PLANAR), (self.kinds.planar(key),))
+        return self.kinds.index(int(lib.CR_KIND_CURVED), (self.kinds.curved(-1 - key),))
+
+    def _sort_creases(
+        self,
+        where: npt.NDArray[np.int64],
+        hard: list[tuple[int, npt.NDArray[np.int64]]],
+        result: I32,
+        tick: Tick,
+    ) -> None:
+        brick = np.concatenate([np.full(len(cells), i) for i, cells in hard])
+        cell = np.concatenate([cells for _, cells in hard])
+        low = where[brick] + cell[:, ::-1] / CELLS_SIDE
+        probe = lattice(PROBE_SIDE) / CELLS_SIDE
+        for part in np.array_split(np.arange(len(cell)), max(1, len(cell) // 4096)):
+            points = (
+                self._grid.origin_m + (low[part][:, None, :] + probe[None]) * self._grid.brick_m
+            )
+            phi, triangle = self._surface.signed_distance(points)
+            facet = self._surface.facet_of[triangle].reshape(len(part), -1)
+            kinds = self._judge(points, phi.reshape(len(part), -1), facet)
+            result[brick[part], cell[part, 0], cell[part, 1], cell[part, 2]] = kinds
+            tick(float(part[-1] + 1) / len(cell))
+
+    def _judge(self, points: F64, phi: F64, facet: I32) -> I32:
+        """Kinds of crease cells from exact probes. Shapes: points (n, m, 3), phi and facet (n, m)."""
+        sets = [tuple(np.unique(row).tolist()) for row in facet]
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for i, key in enumerate(sets):
+            groups.setdefault(key, []).append(i)
+        kinds = np.zeros(len(points), np.int32)
+        for key, rows in groups.items():
+            kinds[rows] = self._judge_set(key, points[rows], phi[rows])
+        return kinds
+
+    def _judge_set(self, facets: tuple[int, ...], points: F64, phi: F64) -> I32:
+        patches = self._surface.facet_patch[list(facets)]
+        if len(facets) == 1:
+            return np.full(len(points), self._plain(facets[0]), np.int32)
+        if (patches == patches[0]).all():
+            return np.full(len(points), self._plain(-1 - int(patches[0])), np.int32)
+        left = np.ones(len(points), bool)
+        kinds = np.zeros(len(points), np.int32)
+        if len(facets) <= KIND_FACETS_MAX:
+            planes = self._surface.facet_plane[list(facets)]
+            rows = tuple(self.kinds.planar(f) for f in facets)
+            for kind, sign in ((lib.CR_KIND_CONVEX, 1.0), (lib.CR_KIND_CONCAVE, -1.0)):
+                value = sign * convex_distance(sign * planes, points.reshape(-1, 3)).reshape(
+                    phi.shape
+                )
+                good = left & self._agrees(value, phi)
+                kinds[good] = self.kinds.index(int(kind), rows)
+                left &= ~good
+        if left.any():
+            kinds[left] = self.kinds.index(
+                int(lib.CR_KIND_MIXED), self._mixed(np.array(facets), patches)
+            )
+        return kinds
+
+    def _agrees(self, value: F64, phi: F64) -> npt.NDArray[np.bool_]:
+        error = np.abs(value - phi)
+        near = np.abs(phi) < self._grid.near_m
+        allowed = np.where(near, 0.5 * self._tolerance_m, 0.5 * self._grid.voxel_m)
+        return np.asarray((error <= allowed).all(axis=1))
+
+    def _mixed(self, facets: npt.NDArray[np.int64], patches: I32) -> tuple[int, ...]:
+        rows = []
+        for patch in np.unique(patches)[:KIND_FACETS_MAX]:
+            mine = facets[patches == patch]
+            rows.append(
+                self.kinds.planar(int(mine[0]))
+                if len(mine) == 1
+                else self.kinds.local(mine, int(patch))
+            )
+        return tuple(rows)
+
+
+def _corners(samples: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Corner values of every cell of one brick, (cells, 8)."""
+    n = CELLS_SIDE
+    parts = [
+        samples[z : z + n, y : y + n, x : x + n] for z in (0, 1) for y in (0, 1) for x in (0, 1)
+    ]
+    return np.stack([part.reshape(-1) for part in parts], axis=1)
+
+
+def far_bricks(
+    surface: Surface, grid: Grid, near: npt.NDArray[np.bool_], quantum_m: float
+) -> npt.NDArray[np.uint32]:
+    """Top entries of far bricks: side and lower bound of the distance. Shape as `near`, z, y, x."""
+    touched = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, 0.0)
+    apart = ndimage.distance_transform_edt(~touched)
+    bound = np.maximum(grid.near_m, (apart - math.sqrt(3.0)) * grid.brick_m * (1 - 1e-6))
+    entry = np.minimum(bound * (1 - 1e-6) / quantum_m, float(lib.CR_TOP_BOUND)).astype(np.uint32)
+    entry |= np.uint32(lib.CR_TOP_FAR)
+    label, count = ndimage.label(~near)
+    spots = ndimage.find_objects(label)
+    for i in range(count):
+        part = label[spots[i]] == i + 1
+        z, y, x = (int(v) for v in np.argwhere(part)[0])
+        start = [s.start for s in spots[i]]
+        index = np.array([[x + start[2], y + start[1], z + start[0]]], np.int64)
+        phi, _ = surface.signed_distance(brick_points(grid, index, np.full((1, 3), 0.5)))
+        if phi[0] < 0:
+            entry[spots[i]][part] |= np.uint32(lib.CR_TOP_INSIDE)
+    return np.asarray(entry)
+
+
+def refine(
+    surface: Surface,
+    grid: Grid,
+    where: npt.NDArray[np.int64],
+    phi: F64,
+    cells: I32,
+    kinds: npt.NDArray[Any],
+    level: I32,
+    tolerance_m: float,
+    tick: Tick,
+) -> dict[int, F64]:
+    """Finer samples for bricks whose distance is off by more than the tolerance near the surface. Raises `level`."""
+    finer: dict[int, F64] = {}
+    exact_kind = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
+    candidates = np.flatnonzero(level == BASE_LEVEL)
+    centres = lattice(CELLS_SIDE, 0.5 / CELLS_SIDE, 1 - 0.5 / CELLS_SIDE)
+    samples = {int(i): phi[i] for i in candidates}
+    for next_level in range(BASE_LEVEL + 1, LEVEL_MAX + 1):
+        still = []
+        for part in np.array_split(candidates, max(1, len(candidates) // 256)):
+            if len(part) == 0:
+                continue
+            exact, _ = surface.signed_distance(brick_points(grid, where[part], centres))
+            exact = exact.reshape(len(part), -1)
+            value = np.concatenate([trilinear(samples[int(i)][None], centres) for i in part])
+            matters = (np.abs(exact) < grid.near_m) & ~exact_kind[cells[part]].reshape(
+                len(part), -1
+            )
+            bad = (np.abs(value - exact) > tolerance_m) & matters
+            still.append(part[bad.any(axis=1)])
+        candidates = np.concatenate(still) if still else candidates[:0]
+        at = lattice(2**next_level + 1)
+        for done, i in enumerate(candidates):
+            exact, _ = surface.signed_distance(brick_points(grid, where[i : i + 1], at))
+            samples[int(i)] = finer[int(i)] = exact.reshape((2**next_level + 1,) * 3)
+            level[i] = next_level
+            tick((done + 1) / len(candidates))
+    return finer
+
+
+def make_voxmap(
+    surface: Surface,
+    voxel_m: float,
+    near_m: float,
+    tolerance_m: float,
+    progress: Callable[[str, float], None],
+) -> Voxmap:
+    """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered."""
+    grid = make_grid(surface, voxel_m, near_m)
+    near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, near_m)
+    where = np.argwhere(near)[:, ::-1]
+    if len(where) > BRICKS_MAX:
+        raise MeshError(
+            f"{surface.mesh.source}: {len(where):,} bricks near the surface, at most {BRICKS_MAX:,} fit;"
+            " use a larger --voxel"
+        )
+    base = lattice(2**BASE_LEVEL + 1)
+    phi, triangle = surface.signed_distance(
+        brick_points(grid, where, base), lambda part: progress("distances", part)
+    )
+    phi = phi.reshape(-1, *(2**BASE_LEVEL + 1,) * 3)
+    facet = surface.facet_of[triangle].reshape(phi.shape)
+    sorter = CellSorter(surface, grid, tolerance_m)
+    cells = sorter.sort(where, phi, facet, lambda part: progress("creases", part))
+    kinds, facets = sorter.kinds.records()
+    level = choose_levels(phi, tolerance_m)
+    finer = refine(
+        surface,
+        grid,
+        where,
+        phi,
+        cells,
+        kinds,
+        level,
+        tolerance_m,
+        lambda part: progress("refining", part),
+    )
+    band = math.sqrt(3.0) * grid.brick_m + 1.1 * near_m
+    quantum = float(np.float32(band / 32767))
+    top = far_bricks(surface, grid, near, quantum)
+    top[near] = np.arange(len(where), dtype=np.uint32)
+    bricks, samples, tables = _pack_bricks(phi, finer, level, cells, quantum)
+    names = {
+        int(getattr(lib, f"CR_KIND_{n}")): n.lower()
+        for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
+    }
+    used = np.bincount(kinds["kind"][cells.reshape(-1)], minlength=6)
+    # Trilinear values of a function of slope 1 are off by at most half a cell diagonal; crease planes by half a voxel.
+    bound = 0.5 * math.sqrt(3.0) * grid.voxel_m + tolerance_m + quantum
+    return Voxmap(
+        grid,
+        top.reshape(-1),
+        bricks,
+        samples,
+        tables,
+        kinds,
+        facets,
+        quantum,
+        band,
+        bound,
+        {int(k): int((level == k).sum()) for k in np.unique(level)},
+        {name: int(used[key]) for key, name in names.items()},
+    )
+
+
+def _pack_bricks(
+    phi: F64, finer: dict[int, F64], level: I32, cells: I32, quantum_m: float
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
+    if int(cells.max(initial=0)) > 0xFFFF:
+        raise MeshError(
+            f"{int(cells.max()):,} different crease cells, at most 65,535 fit: use a larger --voxel"
+        )
+    bricks = np.zeros(len(phi), BRICK)
+    parts: list[npt.NDArray[np.int16]] = []
+    tables: list[npt.NDArray[np.uint16]] = []
+    at = 0
+    for i in range(len(phi)):
+        step = 2 ** max(0, BASE_LEVEL - int(level[i]))
+        values = finer[i] if i in finer else phi[i, ::step, ::step, ::step]
+        data = np.clip(np.rint(values / quantum_m), -32767, 32767).astype(np.int16).reshape(-1)
+        uniform = bool((cells[i] == cells[i, 0, 0, 0]).all())
+        bricks[i]["samples"], bricks[i]["level"] = at, level[i]
+        bricks[i]["cells"] = CELLS_NONE if uniform else len(tables) * CELLS_SIDE**3
+        bricks[i]["kind"] = cells[i, 0, 0, 0] if uniform else 0
+        if not uniform:
+            tables.append(cells[i].reshape(-1).astype(np.uint16))
+        parts.append(data)
+        at += len(data)
+    return (
+        bricks,
+        np.concatenate(parts),
+        np.concatenate(tables) if tables else np.zeros(0, np.uint16),
+    )

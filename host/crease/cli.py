@@ -1,0 +1,48 @@
+"""The command `crease`: one module of crease.verbs for each verb.
+
+Exit status: 0 done; 1 with one line `error: ...` on stderr; 2 for a wrong command line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+
+from crease import __version__
+from crease.errors import CreaseError
+from crease.verbs import bake, info, plot, replay
+
+VERBS = (bake, info, replay, plot)
+"""In the order of the work: what `crease --help` lists."""
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="crease",
+        description="Stable haptic contact between a rigid tool and a rigid mock-up.",
+    )
+    parser.add_argument("--version", action="version", version=f"crease {__version__}")
+    sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
+    for verb in VERBS:
+        verb.add_parser(sub)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command line and give its exit status."""
+    args = make_parser().parse_args(argv)
+    try:
+        args.run(args)
+    except CreaseError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        print("error: interrupted; nothing was written", file=sys.stderr)
+        return 1
+    return 0

@@ -1,0 +1,27 @@
+"""The one tree of errors that a user can cause or mend."""
+
+from __future__ import annotations
+
+
+class CreaseError(Exception):
+    """Something outside the program is wrong. The text is one line: what, where, and the mend."""
+
+
+class MeshError(CreaseError):
+    """A mesh file cannot be read, or its surface cannot be mended."""
+
+
+class TrajectoryError(CreaseError):
+    """A path file has a bad header or a bad row."""
+
+
+class TableError(CreaseError):
+    """A table of ticks cannot be read or written."""
+
+
+class SceneError(CreaseError):
+    """A scene image cannot be opened, or its world cannot be made."""
+
+
+class UnitError(CreaseError):
+    """A text is not a length, or not a unit of length."""

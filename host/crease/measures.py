@@ -1,0 +1,99 @@
+"""The measures of accuracy and smoothness: one definition each, used by benchmarks, tests and plots.
+
+Conventions: force_N (n, 3) over consecutive ticks; exact values beside them in the same frame; stiffness in N/m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+DEEP_M = 0.2e-3
+"""Directions are compared where the exact contact is deeper than this."""
+FREE_FALL_N = 1e-9
+
+
+def angle_deg(a: F64, b: F64) -> F64:
+    """Angle between rows of a and b (n, 3), exact for small angles; 0 where a row is zero."""
+    cross = np.linalg.norm(np.cross(a, b), axis=1)
+    return np.degrees(np.arctan2(cross, np.einsum("nx,nx->n", a, b)))
+
+
+def motion_m(position_m: F64, quaternion: F64, corners_m: F64) -> F64:
+    """Largest displacement of any point of the tool from each tick to the next.
+
+    Shapes: position_m (n, 3), quaternion (n, 4) scalar first, corners_m (m, 3) of a box round the tool; result (n - 1,).
+    """
+    w, x, y, z = quaternion.T
+    rows = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    points = np.einsum("abn,mb->nma", rows, corners_m) + position_m[:, None, :]
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1))
+
+
+def amplification(force_N: F64, stiffness_N_m: float, moved_m: F64) -> float:
+    """Largest |dF| / (k |dx|) over the ticks that move: the stiffness the loop really sees, as a share of k."""
+    step = np.linalg.norm(np.diff(force_N, axis=0), axis=1)
+    moving = moved_m > 1e-9
+    return float((step[moving] / (stiffness_N_m * moved_m[moving])).max(initial=0.0))
+
+
+def direction_steps_deg(force_N: F64, counts: npt.NDArray[np.bool_]) -> F64:
+    """Turn of the force from each tick to the next, (n - 1,); 0 where either tick does not count."""
+    turn = angle_deg(force_N[:-1], force_N[1:])
+    return np.where(counts[:-1] & counts[1:], turn, 0.0)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """A replay against the exact reference. Lengths in mm, angles in degrees."""
+
+    force_rms_mm: float
+    force_max_mm: float
+    direction_p99_deg: float
+    direction_max_deg: float
+    depth_rms_mm: float
+    depth_max_mm: float
+    amplification: float
+    amplification_exact: float
+    step_max_deg: float
+    step_exact_deg: float
+    ticks: int
+
+
+def compare(
+    force_N: F64,
+    depth_m: F64,
+    exact_force_N: F64,
+    exact_depth_m: F64,
+    stiffness_N_m: float,
+    moved_m: F64,
+) -> Accuracy:
+    """Every measure of one replay. Shapes: (n, 3) forces, (n,) depths, (n - 1,) moved_m."""
+    contact = (exact_depth_m > 0) | (depth_m > 0)
+    deep = exact_depth_m > DEEP_M
+    force_mm = np.linalg.norm(force_N - exact_force_N, axis=1) / stiffness_N_m * 1e3
+    depth_mm = np.abs(depth_m - exact_depth_m) * 1e3
+    turn = angle_deg(force_N, exact_force_N)[deep]
+    return Accuracy(
+        float(np.sqrt((force_mm[contact] ** 2).mean())) if contact.any() else 0.0,
+        float(force_mm.max(initial=0.0)),
+        float(np.percentile(turn, 99)) if len(turn) else 0.0,
+        float(turn.max(initial=0.0)),
+        float(np.sqrt((depth_mm[contact] ** 2).mean())) if contact.any() else 0.0,
+        float(depth_mm.max(initial=0.0)),
+        amplification(force_N, stiffness_N_m, moved_m),
+        amplification(exact_force_N, stiffness_N_m, moved_m),
+        float(direction_steps_deg(force_N, deep).max(initial=0.0)),
+        float(direction_steps_deg(exact_force_N, deep).max(initial=0.0)),
+        int(contact.sum()),
+    )

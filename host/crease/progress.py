@@ -1,0 +1,42 @@
+"""A progress bar on stderr, for people: nothing is shown to files and pipes, nor for work under a second."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TextIO
+
+_WIDTH = 30
+_DELAY_S = 1.0
+_REDRAW_S = 0.1
+
+
+class Progress:
+    """A bar that appears when the work takes over a second, and leaves no trace. Use it in a `with`."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._live = self._stream.isatty()
+        self._start_s = time.monotonic()
+        self._drawn_s = 0.0
+        self._shown = False
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+    def __call__(self, label: str, part: float) -> None:
+        """Show that `part` (0..1) of the work `label` is done."""
+        now_s = time.monotonic()
+        if not self._live or now_s - self._start_s < _DELAY_S or now_s - self._drawn_s < _REDRAW_S:
+            return
+        part = min(max(part, 0.0), 1.0)
+        bar = "#" * round(part * _WIDTH)
+        self._stream.write(f"\r\x1b[K{label:<18.18s} [{bar:<{_WIDTH}s}] {part:4.0%}")
+        self._stream.flush()
+        self._drawn_s = now_s
+        self._shown = True

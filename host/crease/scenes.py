@@ -1,0 +1,124 @@
+"""The test scenes of a table (meshes/scenes.toml): which meshes, which path, which settings; and their images.
+
+    python -m crease.scenes SCENES.toml MESHES OUT [NAME...]
+
+bakes the named scenes (default: all) of the meshes in folder MESHES into OUT/NAME.crs, those that are out of date.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from crease import _native
+from crease.errors import CreaseError
+from crease.mesh import load_mesh
+from crease.table import write_bytes
+from crease.units import parse_unit
+
+
+@dataclass(frozen=True)
+class SceneSpec:
+    """One scene of the table. Files lie in the folder of meshes; lengths in m."""
+
+    name: str
+    about: str
+    static: Path
+    tool: Path
+    path: Path
+    unit_m: float
+    tool_unit_m: float
+    voxel_m: float
+    spacing_m: float
+    stiffness_N_m: float
+    exact: str | None
+
+
+def load_specs(table: Path, meshes: Path) -> dict[str, SceneSpec]:
+    """The scenes of a table by name.   Errors: CreaseError when it cannot be read."""
+    try:
+        entries = tomllib.loads(table.read_text(encoding="utf-8"))
+        return {name: _spec(name, entry, meshes) for name, entry in entries.items()}
+    except (OSError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
+        raise CreaseError(f"{table}: cannot be read as a table of scenes: {error}") from error
+
+
+def _spec(name: str, entry: dict[str, object], meshes: Path) -> SceneSpec:
+    def text(key: str) -> str:
+        return str(entry[key])
+
+    def number(key: str) -> float:
+        return float(text(key))
+
+    return SceneSpec(
+        name=name,
+        about=text("about"),
+        static=meshes / text("static"),
+        tool=meshes / text("tool"),
+        path=meshes / text("path"),
+        unit_m=parse_unit(text("unit")),
+        tool_unit_m=parse_unit(text("tool_unit")),
+        voxel_m=1e-3 * number("voxel_mm"),
+        spacing_m=1e-3 * number("spacing_mm"),
+        stiffness_N_m=number("stiffness_N_m"),
+        exact=text("exact") if "exact" in entry else None,
+    )
+
+
+def bake_spec(spec: SceneSpec) -> bytes:
+    """The image of a scene.   Errors: CreaseError."""
+    from crease.bake import BakeOptions, bake_scene
+
+    options = BakeOptions(voxel_m=spec.voxel_m, spacing_m=spec.spacing_m)
+    static = load_mesh(spec.static, spec.unit_m)
+    tool = load_mesh(spec.tool, spec.tool_unit_m)
+    return bake_scene(static, tool, options, lambda _label, _part: None).image
+
+
+def is_current(image: Path, spec: SceneSpec, table: Path) -> bool:
+    """Whether an image is newer than all it is made of: meshes, table, and the code that bakes."""
+    code = [Path(_native.__file__), *Path(__file__).parent.glob("bake/*.py")]
+    made_of = [spec.static, spec.tool, table, *code]
+    return image.exists() and all(p.stat().st_mtime <= image.stat().st_mtime for p in made_of)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """See the module."""
+    parser = argparse.ArgumentParser(
+        prog="python -m crease.scenes", description="Bake test scenes."
+    )
+    parser.add_argument("table", type=Path)
+    parser.add_argument("meshes", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("names", nargs="*")
+    args = parser.parse_args(argv)
+    try:
+        specs = load_specs(args.table, args.meshes)
+        if unknown := [name for name in args.names if name not in specs]:
+            raise CreaseError(
+                f"{args.table}: no scene {', '.join(unknown)}; there are {', '.join(specs)}"
+            )
+        args.out.mkdir(parents=True, exist_ok=True)
+        for name in args.names or specs:
+            image = args.out / f"{name}.crs"
+            if is_current(image, specs[name], args.table):
+                continue
+            start_s = time.monotonic()
+            data = bake_spec(specs[name])
+            write_bytes(image, data)
+            print(
+                f"{image}: {len(data) / 2**20:.2f} MiB, {time.monotonic() - start_s:.1f} s",
+                flush=True,
+            )
+    except CreaseError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+"""`crease bake`: two meshes in, one scene image out."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from crease.progress import Progress
+from crease.table import check_suffix, check_target, write_bytes
+from crease.units import format_length
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_json,
+    length,
+    number,
+    print_json,
+    print_lines,
+    unit,
+    warn,
+)
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "bake",
+        help="make a scene image from a static mesh and a tool mesh",
+        description="Make a scene image from two meshes (STL, OBJ, PLY, OFF, GLB).",
+    )
+    parser.add_argument("static", metavar="STATIC", type=Path, help="mesh of the mock-up")
+    parser.add_argument("tool", metavar="TOOL", type=Path, help="mesh of the tool")
+    parser.add_argument("-o", "--output", metavar="SCENE.crs", type=Path, required=True)
+    parser.add_argument(
+        "--unit", type=unit, required=True, help="unit of the files: mm, cm, m, in, ..."
+    )
+    parser.add_argument("--tool-unit", type=unit, help="unit of TOOL, when another one")
+    parser.add_argument("--voxel", type=length, help="side of a voxel (default: from the sizes)")
+    parser.add_argument(
+        "--spacing", type=length, help="distance of shell samples (default: from the sizes)"
+    )
+    parser.add_argument(
+        "--crease-angle",
+        metavar="DEG",
+        type=number(0.1, 179.0),
+        default=30.0,
+        help="sharper edges are creases (default: 30)",
+    )
+    parser.add_argument(
+        "--tolerance", type=length, help="refine until the distance error is below this"
+    )
+    add_json(parser)
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError for meshes that cannot be mended, or an output that cannot be written."""
+    from crease.bake import BakeOptions, bake_scene
+    from crease.mesh import load_mesh
+
+    check_suffix(args.output, (".crs",))
+    check_target(args.output, args.force)
+    start_s = time.monotonic()
+    with Progress() as progress:
+        progress("reading meshes", 0.0)
+        static = load_mesh(args.static, args.unit)
+        tool = load_mesh(args.tool, args.tool_unit or args.unit)
+        warn([*static.warnings, *tool.warnings])
+        options = BakeOptions(
+            voxel_m=args.voxel,
+            spacing_m=args.spacing,
+            crease_angle_deg=args.crease_angle,
+            tolerance_m=args.tolerance,
+        )
+        result = bake_scene(static, tool, options, progress)
+    write_bytes(args.output, result.image)
+    report = {
+        "output": str(args.output),
+        "warnings": [*static.warnings, *tool.warnings],
+        "time_s": round(time.monotonic() - start_s, 3),
+        **describe(result.image, str(args.output)),
+        "bake": result.report,
+    }
+    if args.json:
+        print_json(report)
+    else:
+        print_report(report)
+
+
+def describe(image: bytes, source: str) -> dict[str, object]:
+    """What the image says of itself, through the firmware's parser."""
+    from crease.scene import open_image
+
+    return open_image(image, source).info()
+
+
+def print_report(report: dict[str, object]) -> None:
+    """The bake in a few lines for a person."""
+    from crease.verbs.info import size_text
+
+    static, voxmap, tool = report["static"], report["voxmap"], report["tool"]
+    assert isinstance(static, dict)
+    assert isinstance(voxmap, dict)
+    assert isinstance(tool, dict)
+    print_lines(
+        [
+            ("scene", f"{report['output']}, {size_text(report['image_bytes'])}"),
+            ("triangles", f"{static['triangles']:,} static, {tool['triangles']:,} tool"),
+            ("creases", f"{static['convex_edges']:,} convex, {static['concave_edges']:,} concave"),
+            ("voxel", format_length(voxmap["voxel_m"])),
+            ("samples", f"{tool['points']:,}, {format_length(tool['spacing_m'])} apart"),
+            (
+                "distance error",
+                f"{format_length(voxmap['error_max_m'])} max, {format_length(voxmap['error_rms_m'])} RMS",
+            ),
+            ("time", f"{report['time_s']:.1f} s"),
+        ]
+    )

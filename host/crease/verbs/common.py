@@ -1,0 +1,74 @@
+"""What several verbs share: options of the command line, and how results are told."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+from crease.errors import UnitError
+from crease.units import parse_length, parse_unit
+
+SubParsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+
+def length(text: str) -> float:
+    """Type of an option that is a length: metres."""
+    try:
+        return parse_length(text)
+    except UnitError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def unit(text: str) -> float:
+    """Type of an option that is a unit of length: metres of one."""
+    try:
+        return parse_unit(text)
+    except UnitError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def number(low: float, high: float) -> Any:
+    """Type of an option that is a number in low..high."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a number") from error
+        if not (math.isfinite(value) and low <= value <= high):
+            raise argparse.ArgumentTypeError(f"{text} is not in {low:g}..{high:g}")
+        return value
+
+    return parse
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """--json: the report on stdout as one JSON object."""
+    parser.add_argument("--json", action="store_true", help="print the report as one JSON object")
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """--force: an output that exists is replaced."""
+    parser.add_argument("--force", action="store_true", help="replace the output when it exists")
+
+
+def warn(lines: Sequence[str]) -> None:
+    """Warnings on stderr, one line each."""
+    for line in lines:
+        print(f"warning: {line}", file=sys.stderr)
+
+
+def print_json(report: Mapping[str, object]) -> None:
+    """A report for a program."""
+    print(json.dumps(report, indent=2, allow_nan=False))
+
+
+def print_lines(rows: Sequence[tuple[str, str]]) -> None:
+    """A report for a person: names and values in two columns."""
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        print(f"{name:<{width}s}  {value}")

@@ -1,0 +1,104 @@
+"""`crease replay`: a path through a scene, tick by tick, into a table."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from crease.native import COVERAGES, RESPONSES
+from crease.progress import Progress
+from crease.replay import ReplayOptions, run_path, to_columns
+from crease.scene import open_scene
+from crease.table import check_suffix, check_target, write_table
+from crease.trajectory import load_trajectory
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_json,
+    number,
+    print_json,
+    print_lines,
+    warn,
+)
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "replay",
+        help="run a path of the tool through a scene",
+        description="Run the firmware's tick along a path and keep what every tick answered.",
+    )
+    parser.add_argument("scene", metavar="SCENE.crs", type=Path)
+    parser.add_argument(
+        "path",
+        metavar="PATH",
+        type=Path,
+        help="CSV with t_s,x_m,y_m,z_m,qw,qx,qy,qz (world_from_tool), or NPZ",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="CSV or NPZ"
+    )
+    parser.add_argument("--stiffness", metavar="N/m", type=number(0.0, 1e6), default=1000.0)
+    parser.add_argument("--damping", metavar="Ns/m", type=number(0.0, 1e4), default=0.0)
+    parser.add_argument("--response", choices=list(RESPONSES), default="zones")
+    parser.add_argument("--coverage", choices=list(COVERAGES), default="soft")
+    add_json(parser)
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
+    check_suffix(args.output, (".csv", ".npz"))
+    check_target(args.output, args.force)
+    start_s = time.monotonic()
+    scene = open_scene(args.scene)
+    path = load_trajectory(args.path)
+    options = ReplayOptions(
+        stiffness_N_m=args.stiffness,
+        damping_Ns_m=args.damping,
+        response=args.response,
+        coverage=args.coverage,
+    )
+    with Progress() as progress:
+        rows = run_path(scene, path, options, progress=lambda part: progress("replay", part))
+    write_table(args.output, to_columns(path, rows))
+    force_N = np.linalg.norm(rows["force_N"], axis=1)
+    overflow = int(np.count_nonzero(rows["overflow"]))
+    warnings = []
+    if overflow:
+        warnings.append(f"{overflow} of {len(path)} ticks reached a limit of work or force")
+    warn(warnings)
+    report: dict[str, object] = {
+        "output": str(args.output),
+        "ticks": len(path),
+        "ticks_in_contact": int(np.count_nonzero(rows["areas"])),
+        "ticks_limited": overflow,
+        "force_max_N": float(force_N.max()),
+        "depth_max_m": float(rows["depth_m"].max()),
+        "tick_p50_ns": float(np.percentile(rows["tick_ns"], 50)),
+        "tick_p99_ns": float(np.percentile(rows["tick_ns"], 99)),
+        "time_s": round(time.monotonic() - start_s, 3),
+        "warnings": warnings,
+    }
+    if args.json:
+        print_json(report)
+    else:
+        print_lines(
+            [
+                ("table", str(args.output)),
+                ("ticks", f"{len(path):,}, {report['ticks_in_contact']:,} in contact"),
+                ("force", f"{report['force_max_N']:.4g} N max"),
+                ("depth", f"{1e3 * float(rows['depth_m'].max()):.4g} mm max"),
+                (
+                    "tick",
+                    f"{float(np.percentile(rows['tick_ns'], 50)) / 1e3:.2f} us median, "
+                    f"{float(np.percentile(rows['tick_ns'], 99)) / 1e3:.2f} us p99",
+                ),
+                ("time", f"{report['time_s']:.2f} s"),
+            ]
+        )

@@ -1,0 +1,69 @@
+#include "replay.h"
+
+#include <string.h>
+#include <time.h>
+
+static uint64_t now_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+static cr_pose pose_from_row(const cr_path_row *row) {
+    cr_pose pose;
+    pose.pos_m.x = (float)row->pos_m[0];
+    pose.pos_m.y = (float)row->pos_m[1];
+    pose.pos_m.z = (float)row->pos_m[2];
+    pose.rot.w = (float)row->rot[0];
+    pose.rot.x = (float)row->rot[1];
+    pose.rot.y = (float)row->rot[2];
+    pose.rot.z = (float)row->rot[3];
+    return pose;
+}
+
+static void store_vec3(float to[3], cr_vec3 from) {
+    to[0] = from.x;
+    to[1] = from.y;
+    to[2] = from.z;
+}
+
+static uint32_t overflow_of(const cr_stats *s) {
+    return s->clusters_coarse + s->clusters_dropped + s->touches_dropped + s->areas_merged + s->zones_dropped +
+           s->force_limited;
+}
+
+static void store_output(cr_replay_row *row, const cr_output *out) {
+    store_vec3(row->force_N, out->force_world_N);
+    store_vec3(row->torque_Nm, out->torque_world_Nm);
+    row->depth_m = out->depth_m;
+    store_vec3(row->normal, out->normal_world);
+    store_vec3(row->display_pos_m, out->display_pose.pos_m);
+    row->display_rot[0] = out->display_pose.rot.w;
+    row->display_rot[1] = out->display_pose.rot.x;
+    row->display_rot[2] = out->display_pose.rot.y;
+    row->display_rot[3] = out->display_pose.rot.z;
+    row->areas = out->area_count;
+    row->zones = out->zone_count;
+    row->contacts = out->stats.contacts;
+    row->nodes = out->stats.nodes;
+    row->points = out->stats.points;
+    row->clusters = out->stats.clusters;
+    row->clusters_inside = out->stats.clusters_inside;
+    row->nodes_coherent = out->stats.nodes_coherent;
+    row->overflow = overflow_of(&out->stats);
+    row->faults = out->faults;
+}
+
+void cr_replay_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, cr_replay_row *rows) {
+    cr_output out;
+    memset(&out, 0, sizeof out);
+    for (size_t i = 0; i < count; i++) {
+        const cr_pose pose = pose_from_row(&path[i]);
+        const double period_s = i == 0 ? period_first_s : path[i].t_s - path[i - 1].t_s;
+        const uint64_t start_ns = now_ns();
+        cr_tick(world, &pose, (float)period_s, &out);
+        const uint64_t tick_ns = now_ns() - start_ns;
+        store_output(&rows[i], &out);
+        rows[i].tick_ns = tick_ns > UINT32_MAX ? UINT32_MAX : (uint32_t)tick_ns;
+    }
+}

@@ -1,0 +1,167 @@
+"""Accuracy of every test scene against the exact reference, and the cost of a tick, with the machine's name.
+
+    python tests/bench/bench.py [--scene NAME ...] [--repeat N] [--json OUT] [--figures DIR]
+
+Needs build/scenes and build/meshes (make scenes). Figures written in tests/bench/ of the repository come from here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import json
+import platform
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.measures import Accuracy, compare, motion_m
+from crease.replay import ReplayOptions, World, run_path
+from crease.scene import Scene, open_scene
+from crease.scenes import SceneSpec, load_specs
+from crease.trajectory import Trajectory, load_trajectory
+
+ROOT = Path(__file__).resolve().parents[2]
+MESHES = ROOT / "build" / "meshes"
+SCENES = ROOT / "build" / "scenes"
+EXACT = ROOT / "tests" / "golden" / "exact"
+F64 = npt.NDArray[np.float64]
+
+METHODS = {
+    "soft": ReplayOptions(),
+    "hard": ReplayOptions(coverage="hard"),
+    "fixed45": ReplayOptions(response="fixed45"),
+}
+COLUMNS = (
+    ("force_rms_mm", "F rms", "mm", "7.4f"),
+    ("force_max_mm", "F max", "mm", "7.4f"),
+    ("direction_p99_deg", "dir p99", "deg", "7.3f"),
+    ("direction_max_deg", "dir max", "deg", "7.3f"),
+    ("depth_max_mm", "depth", "mm", "7.4f"),
+    ("amplification", "amp", "-", "7.3f"),
+    ("amplification_exact", "exact", "-", "7.3f"),
+    ("step_max_deg", "step", "deg", "7.3f"),
+    ("step_exact_deg", "exact", "deg", "7.3f"),
+)
+
+
+def machine() -> str:
+    """Processor and system, in one line."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        names = [line for line in cpuinfo.read_text().splitlines() if line.startswith("model name")]
+        model = names[0].split(":", 1)[1].strip() if names else model
+    return f"{model}, {platform.system()} {platform.machine()}, one thread"
+
+
+def read_exact(path: Path) -> dict[str, F64]:
+    """Columns of an exact reference file."""
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        names = file.readline().strip().split(",")
+        rows = np.loadtxt(file, delimiter=",", ndmin=2)
+    return dict(zip(names, rows.T, strict=True))
+
+
+def box_corners(scene: Scene) -> F64:
+    """Corners of the tool's box, (8, 3)."""
+    low, high = np.array(list(scene.meta.tool_min_m)), np.array(list(scene.meta.tool_max_m))
+    pick = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
+    return np.where(pick, high, low).astype(np.float64)
+
+
+def measure(scene: Scene, path: Trajectory, exact: dict[str, F64], spec: SceneSpec, options: ReplayOptions) -> Accuracy:
+    """One replay against the reference. Ticks that the reference leaves out are left out of everything."""
+    rows = run_path(scene, path, options)
+    moved = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
+    exact_force = np.column_stack([exact[f"f{a}_mm"] for a in "xyz"]) * 1e-3 * spec.stiffness_N_m
+    return compare(
+        rows["force_N"].astype(np.float64), rows["depth_m"].astype(np.float64), exact_force,
+        exact["depth_mm"] * 1e-3, spec.stiffness_N_m, moved,
+    )
+
+
+def accuracy_table(specs: dict[str, SceneSpec]) -> dict[str, dict[str, Accuracy]]:
+    """Print and return scene x method."""
+    head = " ".join(f"{title:>7s}" for _, title, _, _ in COLUMNS)
+    units = " ".join(f"{unit:>7s}" for _, _, unit, _ in COLUMNS)
+    print(f"{'scene':16s} {'method':8s} {head}\n{'':16s} {'':8s} {units}")
+    results: dict[str, dict[str, Accuracy]] = {}
+    for name, spec in specs.items():
+        if spec.exact is None or not (EXACT / spec.exact).exists():
+            continue
+        scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
+        exact = read_exact(EXACT / spec.exact)
+        results[name] = {}
+        for method, options in METHODS.items():
+            found = measure(scene, path, exact, spec, options)
+            results[name][method] = found
+            values = " ".join(f"{getattr(found, key):{form}}" for key, _, _, form in COLUMNS)
+            print(f"{name:16s} {method:8s} {values}", flush=True)
+    return results
+
+
+def cost_of(name: str, spec: SceneSpec, repeat: int) -> dict[str, float]:
+    """Cost of a tick: least time of each pose over `repeat` replays, in us."""
+    scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
+    rows = run_path(scene, path, repeat=repeat)
+    touching = rows["areas"] > 0
+    us = rows["tick_ns"] * 1e-3
+    return {
+        "contact_p50_us": float(np.median(us[touching])),
+        "contact_p99_us": float(np.percentile(us[touching], 99)),
+        "contact_max_us": float(us[touching].max()),
+        "free_p50_us": float(np.median(us[~touching])) if (~touching).any() else 0.0,
+        "free_away_us": free_cost_us(scene, path),
+        "points_p50": float(np.median(rows["points"][touching])),
+        "contacts_p50": float(np.median(rows["contacts"][touching])),
+        "state_bytes": float(World(scene).size_bytes),
+        "image_bytes": float(len(scene.image)),
+    }
+
+
+def free_cost_us(scene: Scene, path: Trajectory) -> float:
+    """Median cost of a tick in free space: the same motion, one tool radius and 20 mm away from the static object."""
+    rows = path.rows.copy()
+    rows[:, 3] += float(scene.meta.static_max_m[2]) + float(scene.meta.tool_radius_m) + 0.02 - rows[:, 3].min()
+    ticks = run_path(scene, Trajectory(rows), repeat=5)
+    assert not ticks["areas"].any()
+    return float(np.median(ticks["tick_ns"])) * 1e-3
+
+
+def cost_table(specs: dict[str, SceneSpec], repeat: int) -> dict[str, dict[str, float]]:
+    """Print and return scene x cost."""
+    print(f"\n{'scene':16s} {'contact us':>27s} {'near':>6s} {'free':>6s} {'points':>7s} {'inside':>7s} {'state':>8s} {'image':>9s}")
+    print(f"{'':16s} {'p50':>9s}{'p99':>9s}{'max':>9s} {'us':>6s} {'us':>6s} {'p50':>7s} {'p50':>7s} {'bytes':>8s} {'bytes':>9s}")
+    results = {}
+    for name, spec in specs.items():
+        c = results[name] = cost_of(name, spec, repeat)
+        print(
+            f"{name:16s} {c['contact_p50_us']:9.2f}{c['contact_p99_us']:9.2f}{c['contact_max_us']:9.2f} {c['free_p50_us']:6.2f}"
+            f" {c['free_away_us']:6.3f} {c['points_p50']:7.0f} {c['contacts_p50']:7.0f} {c['state_bytes']:8.0f} {c['image_bytes']:9.0f}",
+            flush=True,
+        )
+    return results
+
+
+def main() -> None:
+    """Command line: see the top of the file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--scene", action="append", help="only these scenes")
+    parser.add_argument("--repeat", type=int, default=20, help="replays for the least cost of each pose")
+    parser.add_argument("--json", type=Path, help="write all figures here")
+    args = parser.parse_args()
+    specs = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)
+    specs = {n: s for n, s in specs.items() if not args.scene or n in args.scene}
+    print(f"machine: {machine()}\n")
+    accuracy = accuracy_table(specs)
+    cost = cost_table(specs, args.repeat)
+    if args.json:
+        found = {n: {m: asdict(a) for m, a in row.items()} for n, row in accuracy.items()}
+        args.json.write_text(json.dumps({"machine": machine(), "accuracy": found, "cost": cost}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,106 @@
+"""Runs the C test programs and pytest, and closes with one count: `N passed, M failed`."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PASSED = re.compile(r"^\[  PASSED  \] (\d+) test", re.MULTILINE)
+FAILED = re.compile(r"^\[  FAILED  \] (\d+) test", re.MULTILINE)
+SKIPPED = re.compile(r"^\[  SKIPPED \] (\d+) test", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Count:
+    """Tests that passed and that did not."""
+
+    passed: int = 0
+    failed: int = 0
+
+    def __add__(self, other: Count) -> Count:
+        return Count(self.passed + other.passed, self.failed + other.failed)
+
+
+def first_number(pattern: re.Pattern[str], text: str) -> int:
+    """The number that `pattern` finds in `text`, or zero."""
+    match = pattern.search(text)
+    return int(match[1]) if match else 0
+
+
+def run_program(program: Path) -> Count:
+    """One cmocka program. A crash or a skipped test counts as failed."""
+    start = time.monotonic()
+    result = subprocess.run(
+        [program], capture_output=True, text=True, errors="replace", check=False, cwd=ROOT
+    )
+    output = result.stdout + result.stderr
+    passed = first_number(PASSED, output)
+    failed = first_number(FAILED, output) + first_number(SKIPPED, output)
+    if failed == 0 and (result.returncode != 0 or passed == 0):
+        failed = 1
+    verdict = "ok" if failed == 0 else f"FAILED (exit {result.returncode})"
+    name = program.relative_to(ROOT) if program.is_relative_to(ROOT) else program
+    print(f"{name}: {passed} passed, {time.monotonic() - start:.1f} s: {verdict}", flush=True)
+    if failed:
+        print(output, flush=True)
+    return Count(passed, failed)
+
+
+def run_programs(folder: Path) -> Count:
+    """Every test program of `folder` (the ones whose source is still there)."""
+    sources = {path.stem for path in (ROOT / "tests").glob("*/test_*.c")}
+    count = Count()
+    for name in sorted(sources):
+        count += run_program(folder.resolve() / name)
+    return count
+
+
+def run_pytest(quick: bool) -> Count:
+    """pytest over tests/, counted from its JUnit report. Skipped counts as failed: every test must run."""
+    report = ROOT / "build" / "pytest.xml"
+    report.parent.mkdir(exist_ok=True)
+    report.unlink(missing_ok=True)
+    config = ["-c", "host/pyproject.toml", "--rootdir", ".", f"--junit-xml={report}"]
+    select = ["-m", "not slow"] if quick else []
+    command = [sys.executable, "-m", "pytest", *config, *select, "--durations=5", "tests"]
+    status = subprocess.run(command, check=False, cwd=ROOT).returncode
+    if not report.exists():
+        return Count(0, 1)
+    suites = ET.parse(report).getroot().iter("testsuite")
+    totals = [
+        {k: int(s.get(k, "0")) for k in ("tests", "failures", "errors", "skipped")} for s in suites
+    ]
+    tests = sum(t["tests"] for t in totals)
+    failed = sum(t["failures"] + t["errors"] + t["skipped"] for t in totals)
+    if status != 0 and failed == 0:
+        failed = 1
+    return Count(max(tests - failed, 0), failed)
+
+
+def main() -> int:
+    """Command line: see the Makefile."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--c-tests", type=Path, required=True, help="folder of test programs")
+    parser.add_argument("--sanitized", type=Path, help="the same programs with sanitizers")
+    parser.add_argument("--quick", action="store_true", help="leave out tests marked slow")
+    parser.add_argument("--only-c", action="store_true", help="no pytest")
+    args = parser.parse_args()
+    count = run_programs(args.c_tests)
+    if args.sanitized:
+        # The same tests a second time: they must pass, but are counted once.
+        count += Count(0, run_programs(args.sanitized).failed)
+    if not args.only_c:
+        count += run_pytest(args.quick)
+    print(f"{count.passed} passed, {count.failed} failed", flush=True)
+    return 1 if count.failed or not count.passed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
