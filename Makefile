@@ -22,7 +22,7 @@ C_HEADERS := $(wildcard firmware/*.h host/native/*.h tests/unit/*.h tests/proper
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
-C_ALL := $(FIRMWARE_C) $(NATIVE_C) $(TEST_C) $(TEST_HELPERS) $(C_HEADERS)
+C_ALL := $(FIRMWARE_C) $(NATIVE_C) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -79,7 +79,10 @@ build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
 
 scenes: build/scenes/.stamp ## scene images of meshes/scenes.toml, in build/scenes
 
-build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml
+BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py topology.py scenes.py)
+
+build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(BAKE_PY)
+	@mkdir -p $(@D)
 	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes
 	@touch $@
 
@@ -90,7 +93,7 @@ demo: build/demo/.stamp ## bake, replay the corner trajectory, write the plots a
 
 DEMO_SCENES := edge90_sphere edge90_cube
 
-build/demo/.stamp: build/.host build/meshes/.stamp
+build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL)
 	@mkdir -p build/demo
 	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
 	$(PY) -m crease.demo meshes/scenes.toml build/meshes build/scenes build/demo
@@ -114,17 +117,18 @@ INCLUDES := -Ifirmware -Ihost/native -Itests/unit -Itests/property
 define VARIANT
 build/$(1)/%.o: %.c
 	@mkdir -p $$(@D)
-	$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
+	@echo "$(1): $$<"
+	@$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
 
 build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
 	@rm -f $$@
-	ar rcs $$@ $$^
+	@ar rcs $$@ $$^
 
 build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a
-	$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
 
 build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a
-	$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 endef
@@ -153,12 +157,27 @@ bench: build/.host build/scenes/.stamp ## measured figures, with the machine's n
 # ---------------------------------------------------------------------------------------------------------- lint
 
 lint: build/.host ## format, static analysis and types: C and Python
+	@$(MAKE) --no-print-directory --keep-going $(LINTS)
+
+LINTS := lint-clang-format lint-clang-tidy lint-cppcheck lint-ruff lint-mypy
+
+lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
-	clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(NATIVE_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log || { cat build/clang-tidy.log; exit 1; }
+
+lint-clang-tidy:
+	@echo clang-tidy $(FIRMWARE_C) $(NATIVE_C)
+	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(NATIVE_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
+
+lint-cppcheck:
 	cppcheck --quiet --std=c11 --error-exitcode=1 --enable=warning,performance,portability --inline-suppr \
-	    --suppress=missingIncludeSystem -Ifirmware -Ihost/native firmware host/native
+	    --suppress=missingIncludeSystem -Ifirmware -Ihost/native firmware host/native tests/check
+
+lint-ruff:
 	$(PY) -m ruff check --config host/pyproject.toml $(PY_LINT)
 	$(PY) -m ruff format --check --config host/pyproject.toml $(PY_LINT)
+
+lint-mypy:
 	$(PY) -m mypy --config-file host/pyproject.toml host/crease
 	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard meshes tests)
 
@@ -171,5 +190,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE help setup build meshes scenes demo check test sanitize coverage bench lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes demo check test sanitize coverage bench lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

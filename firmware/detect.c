@@ -45,7 +45,8 @@ typedef struct {
     cr_motion *motion;
     cr_contact_set *set;
     cr_stats *stats;
-    float slack_m; /* twice the distance error bound, plus rounding */
+    float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
+    float slack_in_m;  /* the same inside */
     uint32_t kernels;
 } walk;
 
@@ -172,8 +173,8 @@ static uint32_t facet_of_lane(const cr_scene *s, const cr_lookup *at, int lane, 
     return best;
 }
 
-/* Tool surface that covers a point of the static surface: area vector (tool frame) facing the surface normal. */
-static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, cr_vec3 area_tool) {
+/* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
+static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
     uint32_t index = facet_of_lane(w->scene, at, lane, p_world);
     if (index == CR_FACET_NONE) {
         return;
@@ -181,15 +182,14 @@ static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane
     const struct cr_img_facet *facet = &w->scene->facets[index];
     cr_vec3 gradient = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
     cr_vec3 normal = facet->curved ? v3_unit(gradient, 1e-3f) : v3_from(facet->normal);
-    float area = max_f(0.0f, -v3_dot(area_tool, xform_unrotate(w->pose, normal)));
     cr_touch *touch = find_touch(w, first, index);
     if (touch == NULL) {
         return;
     }
     cr_vec3 surface = v3_mad(p_world, gradient, -at->phi_m[lane]);
-    touch->area_m2 += area;
-    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area);
-    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area);
+    touch->area_m2 += area_m2;
+    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area_m2);
+    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area_m2);
 }
 
 /* A cluster that is inside as a whole: sums from the image, surface from its centre. */
@@ -207,7 +207,7 @@ static void take_whole(walk *w, uint32_t cluster, const cr_lookup *centres, cons
     w->stats->clusters++;
     if (abs_f(centres->phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(centre_world->x[lane], centre_world->y[lane], centre_world->z[lane]);
-        touch_surface(w, first, centres, lane, p, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
+        touch_surface(w, first, centres, lane, p, hit->sum.area);
     }
 }
 
@@ -234,8 +234,22 @@ static void take_coarse(walk *w, uint32_t cluster, float phi_m, float radius_m) 
     w->stats->clusters++;
 }
 
-static void look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres, const cr_lanes3 *centre_world,
-                           int lane) {
+/* Smallest distance that any of 16 points still has to go before it is covered. */
+static float smallest_clearance(const struct cr_img_cluster *c, const cr_lookup *at, float slack_m) {
+    float clearance[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        clearance[i] = at->phi_m[i] - c->ramp[i] - slack_m;
+    }
+    float least = clearance[0];
+    for (int i = 1; i < CR_LANES; i++) {
+        least = min_f(least, clearance[i]);
+    }
+    return least;
+}
+
+/* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
+static float look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres, const cr_lanes3 *centre_world,
+                            int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     cr_lanes3 world;
     cr_lookup at;
@@ -251,15 +265,15 @@ static void look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres, 
     uint32_t covered = lanes_where_below(zero, coverage);
     uint32_t partial = lanes_where_below(coverage, one);
     if (covered == 0u) {
-        return;
+        return max_f(0.0f, smallest_clearance(c, &at, w->slack_out_m));
     }
     if (partial == 0u) {
         take_whole(w, cluster, centres, centre_world, lane);
-        return;
+        return 0.0f;
     }
     cr_hit *hit = add_hit(w, cluster);
     if (hit == NULL) {
-        return;
+        return 0.0f;
     }
     uint32_t first = w->set->touch_count;
     uint32_t outside = lanes_where_below(negative, zero);
@@ -271,10 +285,11 @@ static void look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres, 
     w->stats->clusters++;
     for (uint32_t i = 0; i < c->count; i++) {
         if ((covered >> i) & 1u) {
-            cr_vec3 area = v3_scale(v3(c->ax[i], c->ay[i], c->az[i]), coverage[i]);
+            float area = v3_norm(v3(c->ax[i], c->ay[i], c->az[i])) * coverage[i];
             touch_surface(w, first, &at, (int)i, v3(world.x[i], world.y[i], world.z[i]), area);
         }
     }
+    return 0.0f;
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
@@ -324,7 +339,7 @@ static void enter_group(walk *w, uint32_t group, level *v) {
     float clearance[CR_LANES], zero[CR_LANES] = {0.0f};
     float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
     for (int i = 0; i < CR_LANES; i++) {
-        clearance[i] = v->centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_m;
+        clearance[i] = v->centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
     }
     uint32_t free = lanes_where_below(zero, clearance) & v->lanes;
     for (int i = 0; i < CR_LANES; i++) {
@@ -337,14 +352,16 @@ static void enter_group(walk *w, uint32_t group, level *v) {
 static void visit_cluster(walk *w, const struct cr_img_group *g, const level *v, int lane) {
     float phi = v->centres.phi_m[lane];
     uint32_t cluster = g->child[lane];
-    if ((w->options->skip & CR_SKIP_TREE) && phi < -(g->radius[lane] + g->margin[lane] + w->slack_m)) {
+    if ((w->options->skip & CR_SKIP_TREE) && -phi > g->radius[lane] + g->margin[lane] + w->slack_in_m) {
         w->stats->clusters_inside++;
         take_whole(w, cluster, &v->centres, &v->world, lane);
     } else if (w->kernels >= CR_KERNELS_MAX) {
         take_coarse(w, cluster, phi, g->radius[lane]);
     } else {
         w->kernels++;
-        look_at_points(w, cluster, &v->centres, &v->world, lane);
+        float clearance = look_at_points(w, cluster, &v->centres, &v->world, lane);
+        float moved = w->motion->slide_m + w->motion->turn_rad * g->rho[lane];
+        w->motion->wake_m[(size_t)v->group * CR_LANES + (size_t)lane] = moved + clearance * 0.999999f;
     }
 }
 
@@ -368,16 +385,17 @@ static int tool_is_free(walk *w) {
     }
     cr_field_look_up(w->field, &p, &at);
     w->stats->nodes++;
-    float clearance = at.phi_m[0] - m->root_radius_m - m->reach_max_m - w->slack_m;
+    float clearance = at.phi_m[0] - m->root_radius_m - m->ramp_max_m - w->slack_out_m;
     w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : WAKE_NOW;
     return clearance > 0.0f;
 }
 
 void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
                cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0u};
+    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0u};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
-    w.slack_m = 2.0f * field->scene->meta->error_bound_m + ROUNDING_M + 1e-6f * scale;
+    w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
+    w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
     set->hit_count = 0u;
     set->touch_count = 0u;
     if (tool_is_free(&w)) {

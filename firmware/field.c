@@ -51,32 +51,31 @@ static void find_places(const cr_field *f, const cr_lanes3 *p, places *at) {
     }
 }
 
-/* The eight samples round each lane, and where it lies between them. */
+/* The eight samples round each lane, two neighbours along x in one word, and where the lane lies between them. */
 typedef struct {
-    float c000[CR_LANES], c100[CR_LANES], c010[CR_LANES], c110[CR_LANES];
-    float c001[CR_LANES], c101[CR_LANES], c011[CR_LANES], c111[CR_LANES];
+    uint32_t pair00[CR_LANES], pair10[CR_LANES], pair01[CR_LANES], pair11[CR_LANES];
     float fx[CR_LANES], fy[CR_LANES], fz[CR_LANES];
     float cells[CR_LANES]; /* cells along a side of the brick */
 } corners;
 
-static inline void load_pair(const int16_t *at, float *low, float *high) {
-    int16_t pair[2];
-    memcpy(pair, at, sizeof pair); /* one 32-bit load where the target allows it */
-    *low = (float)pair[0];
-    *high = (float)pair[1];
+static inline uint32_t load_pair(const int16_t *at) {
+    uint32_t pair;
+    memcpy(&pair, at, sizeof pair); /* one load where the target allows it; the low half is the first sample */
+    return pair;
 }
 
-static void load_corners(const cr_field *f, const places *at, uint32_t *brick_of, corners *c) {
+static inline float first_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair & 0xffffu); }
+static inline float second_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair >> 16); }
+
+static void load_corners(const cr_field *f, const places *at, uint32_t *entry, corners *c) {
     const cr_scene *s = f->scene;
     int32_t base[CR_LANES], side[CR_LANES], index[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
-        /* A far lane reads the first samples of the image and is overwritten below. */
-        uint32_t entry = s->top[at->top[i]];
-        uint32_t far = entry & CR_TOP_FAR;
-        const struct cr_img_brick *b = &s->bricks[far ? 0u : entry];
-        brick_of[i] = entry;
-        base[i] = far ? 0 : (int32_t)b->samples;
-        side[i] = far ? 1 : (int32_t)(1u << b->level);
+        /* A far lane reads the first samples of the image and is overwritten later. */
+        entry[i] = s->top[at->top[i]];
+        int near = (entry[i] & CR_TOP_FAR) == 0u;
+        base[i] = near ? (int32_t)s->bricks[entry[i]].samples : 0;
+        side[i] = near ? (int32_t)(1u << s->bricks[entry[i]].level) : 1;
     }
     for (int i = 0; i < CR_LANES; i++) {
         float n = (float)side[i];
@@ -92,10 +91,10 @@ static void load_corners(const cr_field *f, const places *at, uint32_t *brick_of
     for (int i = 0; i < CR_LANES; i++) {
         int32_t row = side[i] + 1;
         const int16_t *q = s->samples + index[i];
-        load_pair(q, &c->c000[i], &c->c100[i]);
-        load_pair(q + row, &c->c010[i], &c->c110[i]);
-        load_pair(q + row * row, &c->c001[i], &c->c101[i]);
-        load_pair(q + row * row + row, &c->c011[i], &c->c111[i]);
+        c->pair00[i] = load_pair(q);
+        c->pair10[i] = load_pair(q + row);
+        c->pair01[i] = load_pair(q + row * row);
+        c->pair11[i] = load_pair(q + row * row + row);
     }
 }
 
@@ -105,10 +104,12 @@ static void interpolate(const cr_field *f, const corners *c, cr_lookup *out) {
     const float slope = quantum * f->inv_brick;
     for (int i = 0; i < CR_LANES; i++) {
         float x = c->fx[i], y = c->fy[i], z = c->fz[i];
-        float d00 = c->c100[i] - c->c000[i], d10 = c->c110[i] - c->c010[i];
-        float d01 = c->c101[i] - c->c001[i], d11 = c->c111[i] - c->c011[i];
-        float a00 = c->c000[i] + d00 * x, a10 = c->c010[i] + d10 * x;
-        float a01 = c->c001[i] + d01 * x, a11 = c->c011[i] + d11 * x;
+        float c00 = first_of(c->pair00[i]), c10 = first_of(c->pair10[i]);
+        float c01 = first_of(c->pair01[i]), c11 = first_of(c->pair11[i]);
+        float d00 = second_of(c->pair00[i]) - c00, d10 = second_of(c->pair10[i]) - c10;
+        float d01 = second_of(c->pair01[i]) - c01, d11 = second_of(c->pair11[i]) - c11;
+        float a00 = c00 + d00 * x, a10 = c10 + d10 * x;
+        float a01 = c01 + d01 * x, a11 = c11 + d11 * x;
         float b0 = a00 + (a10 - a00) * y, b1 = a01 + (a11 - a01) * y;
         float s = slope * c->cells[i];
         out->phi_m[i] = (b0 + (b1 - b0) * z) * quantum;
@@ -120,34 +121,65 @@ static void interpolate(const cr_field *f, const corners *c, cr_lookup *out) {
     }
 }
 
-/* Signed distance to a convex solid bounded by planes: distance[k] above plane k, negative inside all. Exact inside, on faces
- * and at the edge of the two nearest planes; at a vertex it is the distance to the nearest of its edges' lines. */
-static float convex_distance(const cr_vec3 *normal, const float *distance, uint32_t count, uint32_t *nearest,
-                             cr_vec3 *grad) {
-    uint32_t first = 0u, second = 0u;
-    for (uint32_t k = 1; k < count; k++) {
-        first = distance[k] > distance[first] ? k : first;
-    }
-    second = first == 0u ? 1u : 0u;
+/* Plane of the given ones whose height is largest; planes in `taken` (bits) are left out. */
+static uint32_t highest(const float *height, uint32_t count, uint32_t taken) {
+    uint32_t best = CR_KIND_FACETS_MAX;
     for (uint32_t k = 0; k < count; k++) {
-        second = k != first && distance[k] > distance[second] ? k : second;
+        if (!((taken >> k) & 1u) && (best == CR_KIND_FACETS_MAX || height[k] > height[best])) {
+            best = k;
+        }
     }
+    return best;
+}
+
+/* Vector from the vertex of three planes to a point at heights a, b, c above them: it has just these components. */
+static int from_vertex(cr_vec3 n0, cr_vec3 n1, cr_vec3 n2, float a, float b, float c, cr_vec3 *offset) {
+    cr_vec3 u = v3_cross(n1, n2), v = v3_cross(n2, n0), w = v3_cross(n0, n1);
+    float volume = v3_dot(n0, u);
+    if (abs_f(volume) < 1e-3f) {
+        return 0;
+    }
+    *offset = v3_scale(v3_mad(v3_mad(v3_scale(u, a), v, b), w, c), 1.0f / volume);
+    return 1;
+}
+
+/* Signed distance to a convex solid bounded by planes, height[k] above plane k, negative inside all. Outside, the nearest point
+ * lies on the highest plane, or, when that foot is above a second plane, on their edge, or above a third, at their vertex. */
+static float convex_distance(const cr_vec3 *normal, const float *height, uint32_t count, uint32_t *nearest,
+                             cr_vec3 *grad) {
+    uint32_t first = highest(height, count, 0u);
+    float a = height[first], foot[CR_KIND_FACETS_MAX];
     *nearest = first;
     *grad = normal[first];
-    float a = distance[first];
-    if (count < 2u || a <= 0.0f) {
+    if (a <= 0.0f) {
         return a;
     }
-    /* Outside: the nearest point lies on the edge when the foot on the first plane is above the second. */
-    float b = distance[second], c = v3_dot(normal[first], normal[second]);
-    float rise = b - c * a, sine2 = 1.0f - c * c;
-    if (rise <= 0.0f || sine2 < 1e-6f) {
+    for (uint32_t k = 0; k < count; k++) {
+        foot[k] = height[k] - a * v3_dot(normal[first], normal[k]);
+    }
+    uint32_t second = highest(foot, count, 1u << first);
+    if (second == CR_KIND_FACETS_MAX || foot[second] <= 0.0f) {
         return a;
     }
-    float d = sqrtf(a * a + rise * rise / sine2);
-    /* Gradient: along the foot point, a combination of both normals. */
-    cr_vec3 lift = v3_scale(v3_mad(normal[second], normal[first], -c), rise / sine2);
-    *grad = v3_unit(v3_mad(lift, normal[first], a), 1e-12f);
+    float c = v3_dot(normal[first], normal[second]);
+    float sine2 = 1.0f - c * c;
+    if (sine2 < 1e-6f) {
+        return a;
+    }
+    cr_vec3 offset =
+        v3_mad(v3_scale(normal[first], a), v3_mad(normal[second], normal[first], -c), foot[second] / sine2);
+    for (uint32_t k = 0; k < count; k++) {
+        foot[k] = height[k] - v3_dot(normal[k], offset);
+    }
+    uint32_t third = highest(foot, count, (1u << first) | (1u << second));
+    if (third != CR_KIND_FACETS_MAX && foot[third] > 0.0f) {
+        cr_vec3 corner;
+        if (from_vertex(normal[first], normal[second], normal[third], a, height[second], height[third], &corner)) {
+            offset = corner;
+        }
+    }
+    float d = v3_norm(offset);
+    *grad = d > 0.0f ? v3_scale(offset, 1.0f / d) : normal[first];
     return d;
 }
 
@@ -165,16 +197,16 @@ static uint32_t kind_of_lane(const cr_scene *s, const struct cr_img_brick *b, fl
 /* Distances of lanes in crease cells, from the planes that meet there. */
 static void use_planes(const cr_field *f, const struct cr_img_kind *kind, cr_vec3 p, int lane, cr_lookup *out) {
     cr_vec3 normal[CR_KIND_FACETS_MAX] = {{0.0f, 0.0f, 0.0f}};
-    float distance[CR_KIND_FACETS_MAX] = {0.0f};
+    float height[CR_KIND_FACETS_MAX] = {0.0f};
     float sign = kind->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
     for (uint32_t k = 0; k < kind->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[kind->facet[k]];
         normal[k] = v3_scale(v3_from(facet->normal), sign);
-        distance[k] = v3_dot(v3_from(facet->normal), p) * sign - facet->offset_m * sign;
+        height[k] = v3_dot(v3_from(facet->normal), p) * sign - facet->offset_m * sign;
     }
     uint32_t nearest = 0u;
     cr_vec3 grad;
-    out->phi_m[lane] = sign * convex_distance(normal, distance, kind->count, &nearest, &grad);
+    out->phi_m[lane] = sign * convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
     out->gx[lane] = sign * grad.x;
     out->gy[lane] = sign * grad.y;

@@ -44,14 +44,15 @@ struct cr_img_section {
 
 struct cr_img_meta {
     /* voxmap */
-    float origin_m[3];   /* low corner of the brick grid */
-    float brick_m;       /* side of a brick */
-    uint32_t dims[3];    /* bricks along x, y, z */
-    float voxel_m;       /* side of a cell: brick_m / 8 */
-    float band_m;        /* distances are exact up to this, saturated beyond */
-    float quantum_m;     /* distance of one sample step: band_m / 32767 */
-    float error_bound_m; /* no looked-up distance is further from the true one: the margin of every skip */
-    float error_max_m;   /* largest error measured near the surface */
+    float origin_m[3]; /* low corner of the brick grid */
+    float brick_m;     /* side of a brick */
+    uint32_t dims[3];  /* bricks along x, y, z */
+    float voxel_m;     /* side of a cell: brick_m / 8 */
+    float band_m;      /* distances are exact up to this, saturated beyond */
+    float quantum_m;   /* distance of one sample step: band_m / 32767 */
+    float error_out_m; /* no distance looked up outside the object is further from the true one: margin of skips */
+    float error_in_m;  /* the same inside */
+    float error_max_m; /* largest error measured near the surface */
     float error_rms_m;
     float crease_angle_rad;
     /* shell */
@@ -60,7 +61,7 @@ struct cr_img_meta {
     float root_centre_m[3];
     float root_radius_m; /* bounding sphere of the shell */
     float shell_area_m2;
-    float reach_max_m;    /* largest distance at which a sample can count */
+    float ramp_max_m;     /* largest distance at which a sample is covered: half the largest spacing */
     uint32_t point_count; /* without padding lanes */
     uint32_t levels;      /* of the sphere tree, groups only */
     uint32_t patch_count;
@@ -139,6 +140,7 @@ struct cr_img_cluster {
     float ax[CR_LANES], ay[CR_LANES],
         az[CR_LANES];      /* outward normal times area, m^2; zero on edge samples and vertices */
     float inv_h[CR_LANES]; /* 1 / spacing of the sample, 1/m: width of its coverage ramp */
+    float ramp[CR_LANES];  /* half its spacing: the distance at which it begins to be covered */
     float reach[CR_LANES]; /* how far the sample may stand for the surface between it and its neighbours, m */
     uint32_t count;        /* lanes in use */
     uint32_t vertex_mask;  /* lanes that are mesh vertices */
@@ -159,7 +161,7 @@ struct cr_img_sum {
 struct cr_img_group {
     float x[CR_LANES], y[CR_LANES], z[CR_LANES];
     float radius[CR_LANES];   /* sphere holds all points of the child */
-    float margin[CR_LANES];   /* largest reach of a point of the child: half spacing or reach */
+    float margin[CR_LANES];   /* largest distance at which a point of the child is covered: half its spacing */
     float rho[CR_LANES];      /* largest distance of a point of the child from the tool origin */
     uint32_t child[CR_LANES]; /* group index, or cluster index when leaf */
     uint32_t first[CR_LANES]; /* first cluster below */

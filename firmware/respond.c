@@ -5,9 +5,10 @@
  * its own path at the end of the file. */
 #include "stages.h"
 
-/* Pull of the zone weights towards the area that the samples saw: breaks ties between more than three zones and lets a zone
- * appear and leave with weight zero. Larger biases the direction, smaller lets noise choose among zones. */
-#define PRIOR 0.02f
+/* Pull of the zone weights to zero. ALWAYS breaks ties between more than three zones; larger biases the direction. UNSEEN
+ * acts on zones that less than about one sample sees, so that a zone appears and leaves with weight zero. */
+#define PULL_ALWAYS 1e-3f
+#define PULL_UNSEEN 0.05f
 /* A curved zone may turn the normal this many standard deviations away from its mean. */
 #define SPREAD_REACH 2.5f
 /* Share of closed surface below which an area has no direction: the tool is wholly inside. */
@@ -22,47 +23,42 @@ typedef struct {
 
 static float dot_zone(const cr_area_work *a, uint32_t i, cr_vec3 v) { return v3_dot(a->zones[i].normal_world, v); }
 
-/* Cone decomposition: s = sum alpha_i n_i, alpha_i >= 0, least squares with a weak pull to the seen areas. The pull grows as
- * a zone's seen area vanishes, so that zones come and go continuously. Projected Gauss-Seidel. */
-static void weigh_by_cone(const cr_area_work *a, cr_vec3 s, float *alpha) {
-    float pull[CR_ZONES_MAX], seen[CR_ZONES_MAX], total = 0.0f;
-    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
-    for (uint32_t i = 0; i < a->zone_count; i++) {
-        total += a->zones[i].area_m2;
-        sum = v3_mad(sum, a->zones[i].normal_world, a->zones[i].area_m2);
-    }
-    float scale = v3_norm(s) / max_f(v3_norm(sum), 0.05f * total);
+/* Cone decomposition: s = sum alpha_i n_i, alpha_i >= 0, least squares. Where zones are dependent (more than three) a weak
+ * pull to zero picks the solution; it grows as fewer samples see a zone, so that zones come and go continuously. Projected
+ * Gauss-Seidel. */
+static void weigh_by_cone(const cr_scene *scene, const cr_area_work *a, cr_vec3 s, float *alpha) {
+    float pull[CR_ZONES_MAX], h = scene->meta->spacing_m;
     cr_vec3 left = s;
     for (uint32_t i = 0; i < a->zone_count; i++) {
-        seen[i] = a->zones[i].area_m2 * scale;
-        pull[i] = PRIOR * total / a->zones[i].area_m2;
-        alpha[i] = seen[i];
-        left = v3_mad(left, a->zones[i].normal_world, -alpha[i]);
+        float rarity = h * h / a->zones[i].area_m2;
+        pull[i] = PULL_ALWAYS + PULL_UNSEEN * rarity * rarity;
+        alpha[i] = 0.0f;
     }
     for (int sweep = 0; sweep < CR_SWEEPS_MAX; sweep++) {
         float moved = 0.0f;
         for (uint32_t i = 0; i < a->zone_count; i++) {
-            float step = (dot_zone(a, i, left) + pull[i] * (seen[i] - alpha[i])) / (1.0f + pull[i]);
+            float step = (dot_zone(a, i, left) - pull[i] * alpha[i]) / (1.0f + pull[i]);
             float next = max_f(0.0f, alpha[i] + step);
             left = v3_mad(left, a->zones[i].normal_world, alpha[i] - next);
             moved = max_f(moved, abs_f(next - alpha[i]));
             alpha[i] = next;
         }
-        if (moved <= 1e-6f * total) {
+        if (moved <= 1e-6f * a->sum.area) {
             break;
         }
     }
 }
 
 /* The method [1] is compared with: every zone counts the same, 45 degrees at a right-angled edge. */
-static void weigh_equally(const cr_area_work *a, cr_vec3 s, float *alpha) {
+static void weigh_equally(const cr_scene *scene, const cr_area_work *a, cr_vec3 s, float *alpha) {
+    (void)scene;
     float share = v3_norm(s) / (float)(a->zone_count > 0u ? a->zone_count : 1u);
     for (uint32_t i = 0; i < a->zone_count; i++) {
         alpha[i] = share;
     }
 }
 
-typedef void (*weigh_fn)(const cr_area_work *area, cr_vec3 s, float *alpha);
+typedef void (*weigh_fn)(const cr_scene *scene, const cr_area_work *area, cr_vec3 s, float *alpha);
 
 /* The response table: config->response selects a row. */
 static const struct {
@@ -386,7 +382,7 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
     float share[CR_ZONES_MAX][CR_ZONES_MAX];
     uint32_t made = 0u;
     cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
-    responses[in->config->response].weigh(a, s, w.alpha);
+    responses[in->config->response].weigh(in->field->scene, a, s, w.alpha);
     make_generators(in, index, a, s, &w);
     uint32_t groups = split_at_creases(in->field->scene, a, w.alpha, share);
     for (uint32_t g = 0; g < groups && made < room; g++) {

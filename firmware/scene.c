@@ -80,13 +80,13 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
 }
 
 static cr_err check_meta(const struct cr_img_meta *m) {
-    if (!floats_are_finite(m->origin_m, 4) || !floats_are_finite(&m->voxel_m, 11) ||
+    if (!floats_are_finite(m->origin_m, 4) || !floats_are_finite(&m->voxel_m, 12) ||
         !floats_are_finite(m->root_centre_m, 6)) {
         return CR_ERR_VALUE;
     }
     if (!(m->brick_m > 1e-6f) || !(m->brick_m < 1e4f) || !(m->band_m > 0.0f) || !(m->quantum_m > 0.0f) ||
-        !(m->error_bound_m >= 0.0f) || !(m->root_radius_m >= 0.0f) || !(m->tool_radius_m >= 0.0f) ||
-        !(m->reach_max_m >= 0.0f) || m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX) {
+        !(m->error_out_m >= 0.0f) || !(m->error_in_m >= 0.0f) || !(m->root_radius_m >= 0.0f) ||
+        !(m->tool_radius_m >= 0.0f) || !(m->ramp_max_m >= 0.0f) || m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX) {
         return CR_ERR_VALUE;
     }
     return CR_OK;
@@ -191,7 +191,7 @@ static cr_err check_shell(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->cluster_count; i++) {
         const struct cr_img_cluster *c = &s->clusters[i];
-        if (!floats_are_finite(c->x, 8u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
+        if (!floats_are_finite(c->x, 9u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
             !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
             return CR_ERR_VALUE;
         }

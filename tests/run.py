@@ -12,6 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+PROGRAM_LIMIT_S = 900.0
+"""One C test program may take this long before it counts as hung."""
+
 PASSED = re.compile(r"^\[  PASSED  \] (\d+) test", re.MULTILINE)
 FAILED = re.compile(r"^\[  FAILED  \] (\d+) test", re.MULTILINE)
 SKIPPED = re.compile(r"^\[  SKIPPED \] (\d+) test", re.MULTILINE)
@@ -37,15 +40,24 @@ def first_number(pattern: re.Pattern[str], text: str) -> int:
 def run_program(program: Path) -> Count:
     """One cmocka program. A crash or a skipped test counts as failed."""
     start = time.monotonic()
-    result = subprocess.run(
-        [program], capture_output=True, text=True, errors="replace", check=False, cwd=ROOT
-    )
-    output = result.stdout + result.stderr
+    try:
+        result = subprocess.run(
+            [program],
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            cwd=ROOT,
+            timeout=PROGRAM_LIMIT_S,
+        )
+        output, status = result.stdout + result.stderr, f"exit {result.returncode}"
+    except (OSError, subprocess.TimeoutExpired) as error:
+        output, status = "", str(error)
     passed = first_number(PASSED, output)
     failed = first_number(FAILED, output) + first_number(SKIPPED, output)
-    if failed == 0 and (result.returncode != 0 or passed == 0):
+    if failed == 0 and (status != "exit 0" or passed == 0):
         failed = 1
-    verdict = "ok" if failed == 0 else f"FAILED (exit {result.returncode})"
+    verdict = "ok" if failed == 0 else f"FAILED ({status})"
     name = program.relative_to(ROOT) if program.is_relative_to(ROOT) else program
     print(f"{name}: {passed} passed, {time.monotonic() - start:.1f} s: {verdict}", flush=True)
     if failed:

@@ -41,7 +41,6 @@ def draw_both(tables: dict[str, dict[str, Column]], title: str, figure_path: Pat
     """The tables of both responses over each other."""
     figure = draw_ticks(list(tables.values()), [NAMES[name] for name in tables], title)
     write_atomic(figure_path, lambda file: save_figure(figure, file, "png"))
-    print(figure_path)
 
 
 def draw_corner_of(
@@ -55,7 +54,6 @@ def draw_corner_of(
     cases = [CornerCase(NAMES[name], position_m, forces_N(table)) for name, table in tables.items()]
     figure = draw_corner(cases, outlines, radius_m)
     write_atomic(figure_path, lambda file: save_figure(figure, file, "png"))
-    print(figure_path)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -25,3 +25,7 @@ class SceneError(CreaseError):
 
 class UnitError(CreaseError):
     """A text is not a length, or not a unit of length."""
+
+
+class BusError(CreaseError):
+    """The bus cannot be opened, a frame on it is not ours, or the dictionary is wrong."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +21,11 @@ Floats = npt.NDArray[np.float64]
 ARROWS = 46
 """Arrows along the path: dense enough to see the direction turn, far enough apart to tell them apart."""
 
-ARROW_LENGTH_MM = 24.0
-"""Length of the longest arrow."""
+ARROW_LENGTH_MM = 42.0
+"""Length of the longest arrow of all panels: one scale, so that sizes can be compared between them."""
+
+TOOLS_AT = (0.15, 0.5, 0.85)
+"""Where the tool is drawn: share of the way."""
 
 _BLOCK, _EDGE, _PATH, _FORCE, _TOOL = "#e6ecf2", "#33506b", "#8a8a8a", "#c23b22", "#7a9cc6"
 _CASE_COLOURS = ("#0072B2", "#D55E00", "#009E73")
@@ -59,9 +62,12 @@ def draw_corner(cases: Sequence[CornerCase], outlines: Sequence[Floats], radius_
         figure = new_figure(5.0 * len(cases), 7.2)
         grid = figure.add_gridspec(2, len(cases), height_ratios=[3.0, 1.25])
         window = _window(cases, radius_m)
+        longest_N = max(float(np.linalg.norm(case.force_N, axis=1).max()) for case in cases)
+        scale_mm_N = ARROW_LENGTH_MM / max(longest_N, 1e-9)
         for column, case in enumerate(cases):
             axes = figure.add_subplot(grid[0, column])
-            _draw_case(axes, case, outlines, radius_m, window)
+            _draw_case(axes, case, outlines, radius_m, scale_mm_N)
+            _frame(axes, window)
         _draw_angles(figure.add_subplot(grid[1, :]), cases)
     return figure
 
@@ -78,7 +84,7 @@ def _draw_case(
     case: CornerCase,
     outlines: Sequence[Floats],
     radius_m: float,
-    window: tuple[Floats, Floats],
+    scale_mm_N: float,
 ) -> None:
     from matplotlib.patches import Circle, Polygon
 
@@ -88,14 +94,17 @@ def _draw_case(
     touching = np.flatnonzero(np.linalg.norm(case.force_N, axis=1) > 0.0)
     axes.plot(*path_mm.T, color=_PATH, lw=1.0, ls=(0, (4, 2)), zorder=2)
     if len(touching):
-        for i in touching[[0, len(touching) // 2, -1]]:
+        for i in touching[[int(share * (len(touching) - 1)) for share in TOOLS_AT]]:
             axes.add_patch(
                 Circle(
                     tuple(path_mm[i]), 1e3 * radius_m, fc=_TOOL, ec=_EDGE, alpha=0.16, zorder=1.5
                 )
             )
-        _draw_arrows(axes, path_mm, case.force_N[:, [0, 2]], touching)
+        _draw_arrows(axes, path_mm, case.force_N[:, [0, 2]], touching, scale_mm_N)
     axes.set_title(case.name)
+
+
+def _frame(axes: Axes, window: tuple[Floats, Floats]) -> None:
     axes.set_aspect("equal")
     axes.set_xlim(window[0][0], window[1][0])
     axes.set_ylim(window[0][1], window[1][1])
@@ -104,29 +113,33 @@ def _draw_case(
     axes.grid(False)
 
 
+_ARROW: dict[str, Any] = {
+    "angles": "xy",
+    "scale_units": "xy",
+    "scale": 1.0,
+    "width": 0.0042,
+    "headwidth": 3.6,
+    "headlength": 4.5,
+    "headaxislength": 4.2,
+    "color": _FORCE,
+}
+
+
 def _draw_arrows(
-    axes: Axes, path_mm: Floats, force_N: Floats, touching: npt.NDArray[np.int64]
+    axes: Axes,
+    path_mm: Floats,
+    force_N: Floats,
+    touching: npt.NDArray[np.int64],
+    scale_mm_N: float,
 ) -> None:
-    """Force arrows at even distances along the path where the tool touches."""
+    """Force arrows at even distances along the path where the tool touches, and one of known size."""
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(path_mm[touching], axis=0), axis=1))]
-    chosen = touching[
-        np.searchsorted(way, np.linspace(0.0, way[-1], ARROWS)).clip(max=len(touching) - 1)
-    ]
-    longest_N = float(np.linalg.norm(force_N[touching], axis=1).max())
-    arrows_mm = force_N[chosen] * (ARROW_LENGTH_MM / longest_N)
-    axes.quiver(
-        *path_mm[chosen].T,
-        *arrows_mm.T,
-        angles="xy",
-        scale_units="xy",
-        scale=1.0,
-        width=0.0045,
-        headwidth=3.6,
-        headlength=4.5,
-        headaxislength=4.2,
-        color=_FORCE,
-        zorder=3,
-    )
+    even = np.searchsorted(way, np.linspace(0.0, way[-1], ARROWS))
+    chosen = touching[even.clip(max=len(touching) - 1)]
+    arrows_mm = scale_mm_N * force_N[chosen]
+    drawn = axes.quiver(*path_mm[chosen].T, *arrows_mm.T, zorder=3, **_ARROW)
+    round_N = 10.0 ** np.floor(np.log10(ARROW_LENGTH_MM / scale_mm_N))
+    axes.quiverkey(drawn, 0.09, 0.06, round_N * scale_mm_N, f"{round_N:g} N", labelpos="E")
 
 
 def _draw_angles(axes: Axes, cases: Sequence[CornerCase]) -> None:

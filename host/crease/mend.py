@@ -14,7 +14,7 @@ Not seen: overlaps of parts of one shell inside one plane.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -63,26 +63,40 @@ class Draft:
         return f"({x:.4g}, {y:.4g}, {z:.4g}) m"
 
 
-def mend_surface(vertices: Vertices, triangles: Triangles) -> tuple[Vertices, Triangles, list[str]]:
+def mend_surface(
+    vertices: Vertices,
+    triangles: Triangles,
+    progress: Callable[[float], None] = lambda _part: None,
+) -> tuple[Vertices, Triangles, list[str]]:
     """Mend a surface; see the module.
 
-    Output: vertices, triangles, and a note for each mend.
+    Output: vertices, triangles, and a note for each mend. progress is told the part done, 0..1.
     Errors: MeshError with what is wrong and the mend, without the file.
     """
     draft = Draft(vertices, triangles)
-    _weld(draft)
-    _drop_triangles(draft)
+    stages = (
+        _weld,
+        _drop_triangles,
+        _close,
+        _check_closed,
+        _collapse_slivers,
+        _settle_shells,
+        _check_crossings,
+        _check_solid,
+    )
+    for done, stage in enumerate(stages):
+        progress(done / len(stages))
+        stage(draft)
+    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
+    return draft.vertices, draft.triangles, draft.notes
+
+
+def _close(draft: Draft) -> None:
+    """Sew, turn and cap where the surface is not closed and oriented already."""
     if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)):
         _sew(draft)
         _turn_triangles(draft)
         _cap_holes(draft)
-    _check_closed(draft)
-    _collapse_slivers(draft)
-    _settle_shells(draft)
-    _check_crossings(draft)
-    _check_solid(draft)
-    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
-    return draft.vertices, draft.triangles, draft.notes
 
 
 def _plural(count: int, noun: str) -> str:
@@ -341,7 +355,7 @@ def _settle_shells(draft: Draft) -> None:
     """Turn shells that are inside out, and unite shells that meet."""
     count, shell = topology.shells(draft.vertices, draft.triangles)
     parts_m3 = topology.volumes_m3(draft.vertices, draft.triangles)
-    volume: npt.NDArray[np.float64] = np.bincount(shell, weights=parts_m3, minlength=count) * 1.0
+    volume = np.bincount(shell, weights=parts_m3, minlength=count).astype(np.float64)
     boxes = _shell_boxes(draft, shell, count)
     cavity = np.array(
         [volume[i] < 0.0 and _is_cavity(draft, shell, volume, boxes, i) for i in range(count)]

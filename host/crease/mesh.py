@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,18 +43,29 @@ class Mesh:
     unit_m: float = 1.0
 
 
-def load_mesh(path: Path, unit_m: float) -> Mesh:
+def load_mesh(
+    path: Path, unit_m: float, progress: Callable[[str, float], None] = lambda _label, _part: None
+) -> Mesh:
     """Read, scale, check and mend a mesh file whose coordinates are in units of `unit_m` metres.
 
     Output: warnings tell every mend with its counts, each beginning with the file.
     Errors: MeshError for what cannot be read or mended; the text says what and the mend.
     Cost: 6 s and 1 GB for a million triangles of STL.
     """
+    label = f"reading {path.name}"
+    progress(label, 0.0)
     source = _read_bytes(path)
     digest = hashlib.sha256(source).hexdigest()
     vertices, triangles = _parse(path, source)
     del source
-    return make_mesh(vertices, triangles, unit_m, source=str(path), digest_sha256=digest)
+    return make_mesh(
+        vertices,
+        triangles,
+        unit_m,
+        source=str(path),
+        digest_sha256=digest,
+        progress=lambda part: progress(label, 0.3 + 0.7 * part),
+    )
 
 
 def make_mesh(
@@ -63,6 +75,7 @@ def make_mesh(
     *,
     source: str = "mesh",
     digest_sha256: str | None = None,
+    progress: Callable[[float], None] = lambda _part: None,
 ) -> Mesh:
     """A mesh from arrays (n, 3) and (m, 3), with the same checks and mends as a file.
 
@@ -78,7 +91,7 @@ def make_mesh(
     vertices_m = points * unit_m
     hint = _check_size(vertices_m[corners.reshape(-1)], unit_m, source)
     try:
-        vertices_m, faces, notes = mend_surface(vertices_m, corners.astype(np.int32))
+        vertices_m, faces, notes = mend_surface(vertices_m, corners.astype(np.int32), progress)
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
     warnings = tuple(f"{source}: {note}" for note in (*hint, *notes))

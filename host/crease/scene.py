@@ -102,7 +102,8 @@ def describe_scene(scene: Scene) -> dict[str, object]:
             "band_m": float(meta.band_m),
             "error_max_m": float(meta.error_max_m),
             "error_rms_m": float(meta.error_rms_m),
-            "error_bound_m": float(meta.error_bound_m),
+            "error_out_m": float(meta.error_out_m),
+            "error_in_m": float(meta.error_in_m),
         },
         "tool": {
             "triangles": int(meta.tool_triangles),

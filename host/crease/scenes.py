@@ -81,7 +81,9 @@ def bake_spec(spec: SceneSpec) -> bytes:
 
 def is_current(image: Path, spec: SceneSpec, table: Path) -> bool:
     """Whether an image is newer than all it is made of: meshes, table, and the code that bakes."""
-    code = [Path(_native.__file__), *Path(__file__).parent.glob("bake/*.py")]
+    package = Path(__file__).parent
+    modules = [package / f"{name}.py" for name in ("mesh", "mend", "topology")]
+    code = [Path(_native.__file__), *package.glob("bake/*.py"), *modules]
     made_of = [spec.static, spec.tool, table, *code]
     return image.exists() and all(p.stat().st_mtime <= image.stat().st_mtime for p in made_of)
 

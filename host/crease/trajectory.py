@@ -59,7 +59,7 @@ def _find_fault(rows: npt.NDArray[np.float64]) -> tuple[int, str] | None:
     """The first bad row and what is wrong with it."""
     faults: list[tuple[int, str]] = []
     finite = np.isfinite(rows)
-    if (i := _first(~finite.all(axis=1))) is not None:
+    if (i := _first(np.atleast_1d(~finite.all(axis=1)))) is not None:
         name = COLUMNS[int(np.argmin(finite[i]))]
         faults.append((i, f"{name} is {rows[i, COLUMNS.index(name)]}, not a finite number"))
     with np.errstate(invalid="ignore", over="ignore"):

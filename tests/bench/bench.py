@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-
 from crease.measures import Accuracy, compare, motion_m
 from crease.replay import ReplayOptions, World, run_path
 from crease.scene import Scene, open_scene
@@ -72,14 +71,20 @@ def box_corners(scene: Scene) -> F64:
     return np.where(pick, high, low).astype(np.float64)
 
 
-def measure(scene: Scene, path: Trajectory, exact: dict[str, F64], spec: SceneSpec, options: ReplayOptions) -> Accuracy:
+def measure(
+    scene: Scene, path: Trajectory, exact: dict[str, F64], spec: SceneSpec, options: ReplayOptions
+) -> Accuracy:
     """One replay against the reference. Ticks that the reference leaves out are left out of everything."""
     rows = run_path(scene, path, options)
     moved = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
     exact_force = np.column_stack([exact[f"f{a}_mm"] for a in "xyz"]) * 1e-3 * spec.stiffness_N_m
     return compare(
-        rows["force_N"].astype(np.float64), rows["depth_m"].astype(np.float64), exact_force,
-        exact["depth_mm"] * 1e-3, spec.stiffness_N_m, moved,
+        rows["force_N"].astype(np.float64),
+        rows["depth_m"].astype(np.float64),
+        exact_force,
+        exact["depth_mm"] * 1e-3,
+        spec.stiffness_N_m,
+        moved,
     )
 
 
@@ -125,16 +130,25 @@ def cost_of(name: str, spec: SceneSpec, repeat: int) -> dict[str, float]:
 def free_cost_us(scene: Scene, path: Trajectory) -> float:
     """Median cost of a tick in free space: the same motion, one tool radius and 20 mm away from the static object."""
     rows = path.rows.copy()
-    rows[:, 3] += float(scene.meta.static_max_m[2]) + float(scene.meta.tool_radius_m) + 0.02 - rows[:, 3].min()
-    ticks = run_path(scene, Trajectory(rows), repeat=5)
+    rows[:, 3] += (
+        float(scene.meta.static_max_m[2])
+        + float(scene.meta.tool_radius_m)
+        + 0.02
+        - rows[:, 3].min()
+    )
+    ticks = run_path(scene, Trajectory(rows, path.source), repeat=5)
     assert not ticks["areas"].any()
     return float(np.median(ticks["tick_ns"])) * 1e-3
 
 
 def cost_table(specs: dict[str, SceneSpec], repeat: int) -> dict[str, dict[str, float]]:
     """Print and return scene x cost."""
-    print(f"\n{'scene':16s} {'contact us':>27s} {'near':>6s} {'free':>6s} {'points':>7s} {'inside':>7s} {'state':>8s} {'image':>9s}")
-    print(f"{'':16s} {'p50':>9s}{'p99':>9s}{'max':>9s} {'us':>6s} {'us':>6s} {'p50':>7s} {'p50':>7s} {'bytes':>8s} {'bytes':>9s}")
+    print(
+        f"\n{'scene':16s} {'contact us':>27s} {'near':>6s} {'free':>6s} {'points':>7s} {'inside':>7s} {'state':>8s} {'image':>9s}"
+    )
+    print(
+        f"{'':16s} {'p50':>9s}{'p99':>9s}{'max':>9s} {'us':>6s} {'us':>6s} {'p50':>7s} {'p50':>7s} {'bytes':>8s} {'bytes':>9s}"
+    )
     results = {}
     for name, spec in specs.items():
         c = results[name] = cost_of(name, spec, repeat)
@@ -150,7 +164,9 @@ def main() -> None:
     """Command line: see the top of the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--scene", action="append", help="only these scenes")
-    parser.add_argument("--repeat", type=int, default=20, help="replays for the least cost of each pose")
+    parser.add_argument(
+        "--repeat", type=int, default=20, help="replays for the least cost of each pose"
+    )
     parser.add_argument("--json", type=Path, help="write all figures here")
     args = parser.parse_args()
     specs = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)
@@ -160,7 +176,9 @@ def main() -> None:
     cost = cost_table(specs, args.repeat)
     if args.json:
         found = {n: {m: asdict(a) for m, a in row.items()} for n, row in accuracy.items()}
-        args.json.write_text(json.dumps({"machine": machine(), "accuracy": found, "cost": cost}, indent=1) + "\n")
+        args.json.write_text(
+            json.dumps({"machine": machine(), "accuracy": found, "cost": cost}, indent=1) + "\n"
+        )
 
 
 if __name__ == "__main__":

@@ -11,20 +11,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.bake.errors import measure_errors
 from crease.bake.layout import EDGE, META, PAIR, pack
 from crease.bake.shell import Shell, make_shell
 from crease.bake.surface import Surface, make_surface
 from crease.bake.voxmap import Voxmap, make_voxmap
 from crease.errors import MeshError
 from crease.mesh import Mesh
-from crease.native import ffi, lib
+from crease.native import lib
 
 __all__ = ["BakeOptions", "BakeResult", "bake_scene"]
 
 Progress = Callable[[str, float], None]
-
-PROBES = 40_000
-"""Points at which the finished image is compared with exact distances."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def _rounded(value: float) -> float:
 def _check(options: BakeOptions, static: Mesh, tool: Mesh) -> tuple[float, float, float]:
     spacing = options.spacing_m or default_spacing_m(tool)
     voxel = options.voxel_m or default_voxel_m(static, spacing)
-    tolerance = options.tolerance_m or voxel / 20
+    tolerance = options.tolerance_m or voxel / 7
     for name, value in (("--spacing", spacing), ("--voxel", voxel), ("--tolerance", tolerance)):
         if not (math.isfinite(value) and value > 0):
             raise MeshError(f"{name} {value}: must be a positive length")
@@ -114,14 +112,13 @@ def _meta(
         "voxel_m": grid.voxel_m,
         "band_m": voxmap.band_m,
         "quantum_m": voxmap.quantum_m,
-        "error_bound_m": voxmap.error_bound_m,
         "crease_angle_rad": math.radians(options.crease_angle_deg),
         "spacing_m": shell.spacing_m,
         "tool_radius_m": shell.tool_radius_m,
         "root_centre_m": shell.root_centre_m,
         "root_radius_m": shell.root_radius_m,
         "shell_area_m2": shell.area_m2,
-        "reach_max_m": np.float32(shell.reach_max_m * (1 + 1e-6)),
+        "ramp_max_m": np.float32(shell.ramp_max_m * (1 + 1e-6)),
         "point_count": shell.points,
         "levels": shell.levels,
         "patch_count": surface.counts["patches"],
@@ -167,54 +164,6 @@ def _assemble(
     return pack(sections)
 
 
-def surface_probes(surface: Surface, near_m: float, count: int) -> npt.NDArray[np.float64]:
-    """Points within near_m of the surface, half of them next to creases. Shape (count, 3); the same every time."""
-    rng = np.random.default_rng(20070101)
-    v = surface.mesh.vertices_m[surface.mesh.triangles]
-    area = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1)
-    which = rng.choice(len(v), count, p=area / area.sum())
-    uv = rng.random((count, 2))
-    uv = np.where(uv.sum(axis=1, keepdims=True) > 1, 1 - uv, uv)
-    points = (
-        v[which, 0]
-        + uv[:, :1] * (v[which, 1] - v[which, 0])
-        + uv[:, 1:] * (v[which, 2] - v[which, 0])
-    )
-    ends = surface.creases.ends_m
-    if len(ends):
-        half = count // 2
-        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        edge = rng.choice(len(ends), half, p=length / length.sum())
-        points[:half] = ends[edge, 0] + rng.random((half, 1)) * (ends[edge, 1] - ends[edge, 0])
-    offset = rng.normal(size=(count, 3))
-    offset *= near_m * rng.random((count, 1)) / np.linalg.norm(offset, axis=1, keepdims=True)
-    return np.asarray(points + offset)
-
-
-def measure_error(
-    image: npt.NDArray[np.uint8], surface: Surface, near_m: float
-) -> tuple[float, float]:
-    """Largest and RMS error of the firmware's lookup against exact distances near the surface, in m."""
-    from crease.scene import open_image
-
-    scene = open_image(image.tobytes(), "new image")
-    points = surface_probes(surface, near_m, PROBES).astype(np.float32)
-    exact, _ = surface.signed_distance(points.astype(np.float64))
-    phi, gradient = np.empty(len(points), np.float32), np.empty(points.shape, np.float32)
-    kind, facet = np.empty(len(points), np.uint32), np.empty(len(points), np.uint32)
-    lib.crp_look_up(
-        scene.handle,
-        ffi.from_buffer("float[]", points.reshape(-1)),
-        len(points),
-        ffi.from_buffer("float[]", phi),
-        ffi.from_buffer("float[]", gradient.reshape(-1)),
-        ffi.from_buffer("uint32_t[]", kind),
-        ffi.from_buffer("uint32_t[]", facet),
-    )
-    error = np.abs(phi - exact)[np.abs(exact) < near_m]
-    return float(error.max()), float(np.sqrt((error**2).mean()))
-
-
 def bake_scene(
     static: Mesh, tool: Mesh, options: BakeOptions | None = None, progress: Progress | None = None
 ) -> BakeResult:
@@ -234,8 +183,10 @@ def bake_scene(
     voxmap = make_voxmap(surface, voxel_m, near_m, tolerance_m, report)
     meta = _meta(surface, voxmap, shell, tool, options)
     image = _assemble(surface, voxmap, shell, meta)
-    error_max, error_rms = measure_error(image, surface, near_m)
-    meta["error_max_m"], meta["error_rms_m"] = error_max, error_rms
+    report("measuring", 0.0)
+    errors = measure_errors(image, surface, voxmap.grid, voxmap.top)
+    for name, value in errors.items():
+        meta[name] = value
     image = _assemble(surface, voxmap, shell, meta)
     return BakeResult(
         image.tobytes(),
@@ -245,8 +196,7 @@ def bake_scene(
             "voxel_m": voxmap.grid.voxel_m,
             "spacing_m": spacing_m,
             "tolerance_m": tolerance_m,
-            "error_max_m": error_max,
-            "error_rms_m": error_rms,
+            **errors,
             "bricks_by_level": voxmap.levels,
             "cells_by_kind": voxmap.kind_counts,
             "facets": surface.counts["facets"],

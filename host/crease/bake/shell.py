@@ -22,6 +22,8 @@ LLOYD_STEPS = 12
 """Relaxation steps towards a centroidal Voronoi tessellation; more changes the quadrature error by under 5 %."""
 NORMAL_WEIGHT = 1.5
 """How far apart, in spacings, two normals at right angles are held: keeps samples off sharp edges."""
+CLUSTER_NORMAL_WEIGHT = 0.8
+"""The same for clusters: less, so that crease samples join the faces beside them and spheres stay small."""
 FEATURE_AREA = 1e-3
 """Area of a vertex or crease sample as a share of spacing^2: gives a lone spike a direction, shifts no sum."""
 REACH = 1.1
@@ -56,7 +58,7 @@ class Shell:
     levels: int
     spacing_m: float
     h_max_m: float
-    reach_max_m: float
+    ramp_max_m: float
     root_centre_m: F64
     root_radius_m: float
     tool_radius_m: float
@@ -267,7 +269,7 @@ def make_samples(surface: Surface, spacing_m: float) -> tuple[Samples, float]:
 
 def cluster_order(samples: Samples, spacing_m: float) -> list[I64]:
     """Samples grouped by repeated halving in position and normal: lists of at most LANES, kd order."""
-    lifted = np.hstack([samples.position_m, NORMAL_WEIGHT * spacing_m * samples.normal])
+    lifted = np.hstack([samples.position_m, CLUSTER_NORMAL_WEIGHT * spacing_m * samples.normal])
     groups: list[I64] = []
     stack = [np.arange(len(lifted))]
     while stack:
@@ -314,6 +316,7 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
             row[axis] = samples.position_m[lanes, k]
             row["a" + axis] = samples.area_m2[lanes, k] * real
         row["inv_h"] = samples.inv_h_per_m[lanes]
+        row["ramp"] = _up(0.5 / samples.inv_h_per_m[lanes])
         row["reach"] = samples.reach_m[lanes] * real
         row["count"] = len(ids)
         row["vertex_mask"] = int((samples.vertex[lanes] & real) @ (1 << np.arange(LANES)))
@@ -344,11 +347,10 @@ class _Level:
     first: I64
 
 
-def _cluster_level(clusters: npt.NDArray[Any], h_half: bool = True) -> _Level:
+def _cluster_level(clusters: npt.NDArray[Any]) -> _Level:
     points = np.stack([clusters[axis] for axis in "xyz"], axis=2).astype(np.float64)
     balls = [ball(p, np.zeros(LANES)) for p in points]
-    half = 0.5 / clusters["inv_h"].astype(np.float64)
-    margin = np.maximum(half, clusters["reach"].astype(np.float64)).max(axis=1)
+    margin = clusters["ramp"].astype(np.float64).max(axis=1)
     return _Level(
         np.array([b[0] for b in balls]),
         np.array([b[1] for b in balls]),
@@ -438,7 +440,7 @@ def make_shell(surface: Surface, spacing_m: float) -> Shell:
         levels,
         spacing_m,
         float(1 / samples.inv_h_per_m.min()),
-        float(max(samples.reach_m.max(), 0.5 / samples.inv_h_per_m.min())),
+        float(0.5 / samples.inv_h_per_m.min()),
         root,
         float(_up(radius)),
         float(_up(np.linalg.norm(samples.position_m, axis=1).max())),

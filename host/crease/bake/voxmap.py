@@ -32,21 +32,30 @@ BASE_LEVEL = 3
 """Bricks start with 2^3 cells a side: the voxel."""
 FLAT_SHARE = 0.25
 """A brick gets coarser while its samples stay within this share of the tolerance."""
-PROBE_SIDE = 4
+PROBE_SIDE = 5
 """Points a side at which the planes of a crease cell are checked against exact distances."""
+PROBE_MARGIN = 0.4
+"""How far, in cells, the probes reach beyond the cell: planes that only just matter inside are seen."""
+REACH_VOXELS = 4
+"""Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more clusters look."""
 BRICKS_MAX = 1_000_000
 GRID_MAX = 200_000_000
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Brick grid. Shapes: origin_m (3,); dims x, y, z."""
+    """Brick grid. Shapes: origin_m (3,); dims x, y, z.
+
+    near_m: up to this distance samples of the tool are covered, and distances have to be right. reach_m: bricks this close to
+    the surface hold distances, so that spheres of the tool's tree can be told free.
+    """
 
     origin_m: F64
     dims: tuple[int, int, int]
     brick_m: float
     voxel_m: float
     near_m: float
+    reach_m: float
 
 
 @dataclass
@@ -62,7 +71,6 @@ class Voxmap:
     facets: npt.NDArray[Any]
     quantum_m: float
     band_m: float
-    error_bound_m: float
     levels: dict[int, int]
     kind_counts: dict[str, int]
 
@@ -71,7 +79,8 @@ def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
     """A grid whose border bricks are all farther than near_m from the surface."""
     brick = float(np.float32(voxel_m * CELLS_SIDE))
     low, high = surface.mesh.vertices_m.min(axis=0), surface.mesh.vertices_m.max(axis=0)
-    pad = brick + 1.01 * near_m
+    reach = max(near_m, REACH_VOXELS * voxel_m)
+    pad = brick + 1.01 * reach
     origin = (low - pad).astype(np.float32).astype(np.float64)
     dims = np.ceil((high + pad - origin) / brick).astype(np.int64)
     if int(np.prod(dims)) > GRID_MAX or int(dims.max()) > 65536:
@@ -80,11 +89,16 @@ def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
             " use a larger --voxel"
         )
     return Grid(
-        origin, (int(dims[0]), int(dims[1]), int(dims[2])), brick, brick / CELLS_SIDE, near_m
+        origin,
+        (int(dims[0]), int(dims[1]), int(dims[2])),
+        brick,
+        brick / CELLS_SIDE,
+        near_m,
+        reach,
     )
 
 
-def brick_points(grid: Grid, bricks: npt.NDArray[np.int64], offsets: F64) -> F64:
+def brick_points(grid: Grid, bricks: npt.NDArray[Any], offsets: F64) -> F64:
     """Points of bricks: brick indices (n, 3) as x, y, z; offsets (m, 3) in 0..1 of a brick; result (n, m, 3)."""
     return grid.origin_m + (bricks[:, None, :] + offsets[None, :, :]) * grid.brick_m
 
@@ -190,15 +204,34 @@ class Kinds:
 
 def convex_distance(planes: F64, points: F64) -> F64:
     """What the firmware computes in a convex crease cell. Shapes: planes (k, 4), points (n, 3), result (n,)."""
-    height = points @ planes[:, :3].T - planes[:, 3]
-    order = np.argsort(-height, axis=1, kind="stable")
-    first, second = order[:, 0], order[:, 1]
+    normal = planes[:, :3]
+    height = points @ normal.T - planes[:, 3]
     rows = np.arange(len(points))
-    a, b = height[rows, first], height[rows, second]
-    c = np.einsum("nx,nx->n", planes[first, :3], planes[second, :3])
-    rise, sine2 = b - c * a, 1 - c * c
-    edge = (a > 0) & (rise > 0) & (sine2 >= 1e-6)
-    return np.where(edge, np.sqrt(a * a + rise * rise / np.where(edge, sine2, 1.0)), a)
+    first = height.argmax(axis=1)
+    a = height[rows, first]
+    gram = normal @ normal.T
+    foot = height - a[:, None] * gram[first]
+    foot[rows, first] = -np.inf
+    second = foot.argmax(axis=1)
+    rise, sine2 = foot[rows, second], 1 - gram[first, second] ** 2
+    on_edge = (a > 0) & (rise > 0) & (sine2 >= 1e-6)
+    lift = np.where(on_edge, rise / np.where(on_edge, sine2, 1.0), 0.0)[:, None]
+    offset = a[:, None] * normal[first] + lift * (
+        normal[second] - gram[first, second][:, None] * normal[first]
+    )
+    value = np.where(on_edge, np.linalg.norm(offset, axis=1), a)
+    if len(planes) > 2:
+        foot = height - offset @ normal.T
+        foot[rows, first] = foot[rows, second] = -np.inf
+        third = foot.argmax(axis=1)
+        sides = normal[np.column_stack([first, second, third])]
+        volume = np.linalg.det(sides)
+        at_vertex = on_edge & (foot[rows, third] > 0) & (np.abs(volume) >= 1e-3)
+        if at_vertex.any():
+            three = np.column_stack([a, height[rows, second], height[rows, third]])[at_vertex]
+            corner = np.linalg.solve(sides[at_vertex], three[:, :, None])[:, :, 0]
+            value[at_vertex] = np.linalg.norm(corner, axis=1)
+    return np.asarray(value)
 
 
 class CellSorter:
@@ -209,6 +242,9 @@ class CellSorter:
         self._surface = surface
         self._grid = grid
         self._tolerance_m = tolerance_m
+        self._by_patch = np.argsort(surface.facet_patch, kind="stable")
+        patches = np.arange(surface.counts["patches"] + 1)
+        self._patch_start = np.searchsorted(surface.facet_patch[self._by_patch], patches)
 
     def sort(self, where: npt.NDArray[np.int64], phi: F64, facet: I32, tick: Tick) -> I32:
         """Kind index of each cell.
@@ -216,55 +252,77 @@ class CellSorter:
         Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
         """
         patch = self._surface.facet_patch[facet]
-        result = np.zeros((len(where), CELLS_SIDE, CELLS_SIDE, CELLS_SIDE), np.int32)
-        hard: list[tuple[int, npt.NDArray[np.int64]]] = []
+        shape = (len(where), CELLS_SIDE, CELLS_SIDE, CELLS_SIDE)
+        result, mixed, close = (
+            np.zeros(shape, np.int32),
+            np.zeros(shape, bool),
+            np.zeros(shape, bool),
+        )
         for i in range(len(where)):
-            cells = self._plain_cells(phi[i], facet[i], patch[i])
-            result[i], crease = cells
-            if len(crease):
-                hard.append((i, crease))
-        if hard:
+            result[i], mixed[i], close[i] = self._plain_cells(phi[i], facet[i], patch[i])
+        hard = np.argwhere(close & self._widen(where, mixed))
+        if len(hard):
             self._sort_creases(where, hard, result, tick)
         return result
 
-    def _plain_cells(self, phi: F64, facet: I32, patch: I32) -> tuple[I32, npt.NDArray[np.int64]]:
-        """Cells whose corners agree on a patch; and the others near the surface (with their neighbours), (m, 3) z, y, x."""
-        if (facet == facet[0, 0, 0]).all():
-            kind = self.kinds.index(
-                int(lib.CR_KIND_PLANAR), (self.kinds.planar(int(facet[0, 0, 0])),)
-            )
-            return np.full((CELLS_SIDE,) * 3, kind, np.int32), np.zeros((0, 3), np.int64)
-        corners_facet, corners_patch = _corners(facet), _corners(patch)
+    def _widen(
+        self, where: npt.NDArray[np.int64], mixed: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.bool_]:
+        """The marked cells and their 26 neighbours, across bricks."""
+        room = np.array(self._grid.dims, np.int64) * CELLS_SIDE + 2
+        strides = np.array([1, room[0], room[0] * room[1]])
+        line = np.arange(CELLS_SIDE)
+        z, y, x = np.meshgrid(line, line, line, indexing="ij")
+        inner = np.stack([x, y, z], axis=-1)
+        keys = ((where[:, None, None, None, :] * CELLS_SIDE + inner + 1) * strides).sum(axis=-1)
+        step = np.arange(-1, 2)
+        steps = (step[:, None, None] * strides[2] + step[:, None] * strides[1] + step).reshape(-1)
+        wide = np.unique((keys[mixed][:, None] + steps).reshape(-1))
+        return np.isin(keys, wide)
+
+    def _plain_cells(
+        self, phi: F64, facet: I32, patch: I32
+    ) -> tuple[I32, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Cells of one brick by their corners: kinds, whether the corners disagree on the patch, whether the surface is near."""
+        shape = (CELLS_SIDE,) * 3
         corners_phi = np.abs(_corners(phi))
+        close = (corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m).reshape(
+            shape
+        )
+        if (facet == facet[0, 0, 0]).all():
+            return (
+                np.full(shape, self._plain(int(facet[0, 0, 0])), np.int32),
+                np.zeros(shape, bool),
+                close,
+            )
+        corners_facet, corners_patch = _corners(facet), _corners(patch)
         rows = np.arange(CELLS_SIDE**3)
         nearest = corners_phi.argmin(axis=1)
         one_facet = (corners_facet == corners_facet[:, :1]).all(axis=1)
-        mixed = (corners_patch != corners_patch[:, :1]).any(axis=1).reshape((CELLS_SIDE,) * 3)
-        close = corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m
-        wide = ndimage.binary_dilation(mixed, np.ones((3, 3, 3), bool)).ravel() & close
-        chosen = corners_facet[rows, nearest]
-        keys = np.where(one_facet, chosen, -1 - corners_patch[rows, nearest])
+        mixed = (corners_patch != corners_patch[:, :1]).any(axis=1)
+        keys = np.where(one_facet, corners_facet[rows, nearest], -1 - corners_patch[rows, nearest])
         values, inverse = np.unique(keys, return_inverse=True)
         table = np.array([self._plain(int(v)) for v in values], np.int32)
-        cells = table[inverse.reshape(-1)].reshape((CELLS_SIDE,) * 3)
-        return cells, np.argwhere(wide.reshape(cells.shape))
+        return table[inverse.reshape(-1)].reshape(shape), mixed.reshape(shape), close
+
+    def _facets_of(self, patch: int) -> npt.NDArray[np.int64]:
+        return self._by_patch[self._patch_start[patch] : self._patch_start[patch + 1]]
 
     def _plain(self, key: int) -> int:
+        """Kind of a cell that sees one facet (key >= 0) or one patch (key = -1 - patch)."""
+        if key < 0 and len(self._facets_of(-1 - key)) == 1:
+            key = int(self._facets_of(-1 - key)[0])
         if key >= 0:
             return self.kinds.index(int(lib.CR_KIND_PLANAR), (self.kinds.planar(key),))
         return self.kinds.index(int(lib.CR_KIND_CURVED), (self.kinds.curved(-1 - key),))
 
     def _sort_creases(
-        self,
-        where: npt.NDArray[np.int64],
-        hard: list[tuple[int, npt.NDArray[np.int64]]],
-        result: I32,
-        tick: Tick,
+        self, where: npt.NDArray[np.int64], hard: npt.NDArray[np.int64], result: I32, tick: Tick
     ) -> None:
-        brick = np.concatenate([np.full(len(cells), i) for i, cells in hard])
-        cell = np.concatenate([cells for _, cells in hard])
+        """Kinds of the cells `hard` (m, 4: brick, z, y, x), by exact distances at probes in each."""
+        brick, cell = hard[:, 0], hard[:, 1:]
         low = where[brick] + cell[:, ::-1] / CELLS_SIDE
-        probe = lattice(PROBE_SIDE) / CELLS_SIDE
+        probe = lattice(PROBE_SIDE, -PROBE_MARGIN, 1 + PROBE_MARGIN) / CELLS_SIDE
         for part in np.array_split(np.arange(len(cell)), max(1, len(cell) // 4096)):
             points = (
                 self._grid.origin_m + (low[part][:, None, :] + probe[None]) * self._grid.brick_m
@@ -328,6 +386,11 @@ class CellSorter:
         return tuple(rows)
 
 
+def _doubled(cells: I32) -> I32:
+    """Every cell cut in eight: (n, 8, 8, 8) to (n, 16, 16, 16)."""
+    return np.asarray(cells.repeat(2, axis=1).repeat(2, axis=2).repeat(2, axis=3))
+
+
 def _corners(samples: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Corner values of every cell of one brick, (cells, 8)."""
     n = CELLS_SIDE
@@ -343,7 +406,7 @@ def far_bricks(
     """Top entries of far bricks: side and lower bound of the distance. Shape as `near`, z, y, x."""
     touched = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, 0.0)
     apart = ndimage.distance_transform_edt(~touched)
-    bound = np.maximum(grid.near_m, (apart - math.sqrt(3.0)) * grid.brick_m * (1 - 1e-6))
+    bound = np.maximum(grid.reach_m, (apart - math.sqrt(3.0)) * grid.brick_m * (1 - 1e-6))
     entry = np.minimum(bound * (1 - 1e-6) / quantum_m, float(lib.CR_TOP_BOUND)).astype(np.uint32)
     entry |= np.uint32(lib.CR_TOP_FAR)
     label, count = ndimage.label(~near)
@@ -374,7 +437,8 @@ def refine(
     finer: dict[int, F64] = {}
     exact_kind = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     candidates = np.flatnonzero(level == BASE_LEVEL)
-    centres = lattice(CELLS_SIDE, 0.5 / CELLS_SIDE, 1 - 0.5 / CELLS_SIDE)
+    fine = 2 * CELLS_SIDE
+    centres = lattice(fine, 0.5 / fine, 1 - 0.5 / fine)
     samples = {int(i): phi[i] for i in candidates}
     for next_level in range(BASE_LEVEL + 1, LEVEL_MAX + 1):
         still = []
@@ -384,7 +448,7 @@ def refine(
             exact, _ = surface.signed_distance(brick_points(grid, where[part], centres))
             exact = exact.reshape(len(part), -1)
             value = np.concatenate([trilinear(samples[int(i)][None], centres) for i in part])
-            matters = (np.abs(exact) < grid.near_m) & ~exact_kind[cells[part]].reshape(
+            matters = (np.abs(exact) < grid.near_m) & ~exact_kind[_doubled(cells[part])].reshape(
                 len(part), -1
             )
             bad = (np.abs(value - exact) > tolerance_m) & matters
@@ -408,7 +472,7 @@ def make_voxmap(
 ) -> Voxmap:
     """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered."""
     grid = make_grid(surface, voxel_m, near_m)
-    near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, near_m)
+    near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, grid.reach_m)
     where = np.argwhere(near)[:, ::-1]
     if len(where) > BRICKS_MAX:
         raise MeshError(
@@ -436,7 +500,7 @@ def make_voxmap(
         tolerance_m,
         lambda part: progress("refining", part),
     )
-    band = math.sqrt(3.0) * grid.brick_m + 1.1 * near_m
+    band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.reach_m
     quantum = float(np.float32(band / 32767))
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
@@ -446,8 +510,6 @@ def make_voxmap(
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
     }
     used = np.bincount(kinds["kind"][cells.reshape(-1)], minlength=6)
-    # Trilinear values of a function of slope 1 are off by at most half a cell diagonal; crease planes by half a voxel.
-    bound = 0.5 * math.sqrt(3.0) * grid.voxel_m + tolerance_m + quantum
     return Voxmap(
         grid,
         top.reshape(-1),
@@ -458,7 +520,6 @@ def make_voxmap(
         facets,
         quantum,
         band,
-        bound,
         {int(k): int((level == k).sum()) for k in np.unique(level)},
         {name: int(used[key]) for key, name in names.items()},
     )

@@ -64,9 +64,8 @@ def run(args: argparse.Namespace) -> None:
     check_target(args.output, args.force)
     start_s = time.monotonic()
     with Progress() as progress:
-        progress("reading meshes", 0.0)
-        static = load_mesh(args.static, args.unit)
-        tool = load_mesh(args.tool, args.tool_unit or args.unit)
+        static = load_mesh(args.static, args.unit, progress)
+        tool = load_mesh(args.tool, args.tool_unit or args.unit, progress)
         warn([*static.warnings, *tool.warnings])
         options = BakeOptions(
             voxel_m=args.voxel,

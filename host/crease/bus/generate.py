@@ -1,0 +1,65 @@
+"""Rewrites what is committed and comes from dictionary.toml: sim/dictionary.h and the tables of sim/BUS.md.
+
+    python -m crease.bus.generate [--check]
+
+With --check nothing is written; status 1 tells that a file is out of date.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from crease.bus.dbc import to_dbc
+from crease.bus.dictionary import load
+from crease.bus.eds import to_eds
+from crease.bus.header import to_c_header, to_markdown
+
+SIM = Path(__file__).resolve().parents[3] / "sim"
+BEGIN, END = "<!-- generated: begin -->\n", "<!-- generated: end -->\n"
+
+
+def with_tables(text: str, tables: str) -> str:
+    """A Markdown text with what stands between the two marks replaced.   Errors: ValueError without the marks."""
+    before, rest = text.split(BEGIN)
+    after = rest.split(END)[1]
+    return before + BEGIN + tables + END + after
+
+
+def committed() -> dict[Path, str]:
+    """Every committed file that is generated, with the text it must have."""
+    dictionary = load()
+    page = SIM / "BUS.md"
+    return {
+        SIM / "dictionary.h": to_c_header(dictionary),
+        page: with_tables(page.read_text(encoding="utf-8"), to_markdown(dictionary)),
+    }
+
+
+def export(folder: Path) -> list[Path]:
+    """Write the EDS of every axis and the DBC into `folder`; gives the files."""
+    dictionary = load()
+    files = {f"crease_{axis.name.lower()}.eds": to_eds(dictionary, axis) for axis in dictionary.axes}
+    files["crease.dbc"] = to_dbc(dictionary)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+    return [folder / name for name in files]
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true")
+    check = parser.parse_args().check
+    stale = [p for p, text in committed().items() if not p.exists() or p.read_text(encoding="utf-8") != text]
+    for path in stale:
+        if not check:
+            path.write_text(committed()[path], encoding="utf-8")
+        print(f"{path}: {'is out of date' if check else 'written'}")
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

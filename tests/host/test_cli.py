@@ -1,0 +1,289 @@
+"""Every verb of the command line: exit status, the one line of an error, reports, and whole outputs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+from crease import __version__
+from crease.native import lib
+from crease.progress import Progress
+from host_tools import Run, Said
+
+
+def assert_error(said: Said, *parts: str) -> None:
+    """Status 1 and one line `error: ...` with these parts."""
+    lines = [line for line in said.err.splitlines() if not line.startswith("warning: ")]
+    assert said.status == 1
+    assert len(lines) == 1
+    assert lines[0].startswith("error: ")
+    for part in parts:
+        assert part in lines[0]
+
+
+def test_version_is_that_of_the_firmware(crease: Run) -> None:
+    said = crease("--version")
+    assert (said.status, said.out) == (0, f"crease {__version__}\n")
+    parts = (lib.CR_VERSION_MAJOR, lib.CR_VERSION_MINOR, lib.CR_VERSION_PATCH)
+    assert ".".join(map(str, parts)) == __version__
+
+
+def test_module_runs_as_the_command() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "crease", "--version"], capture_output=True, text=True, check=True
+    )
+    assert result.stdout == f"crease {__version__}\n"
+
+
+@pytest.mark.parametrize("verb", ["bake", "info", "replay", "plot"])
+def test_help_of_every_verb(crease: Run, verb: str) -> None:
+    said = crease(verb, "--help")
+    assert said.status == 0
+    assert said.out.startswith(f"usage: crease {verb}")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "fly",
+        "bake",
+        "bake a.stl b.stl -o c.crs",
+        "bake a.stl b.stl -o c.crs --unit parsec",
+        "bake a.stl b.stl -o c.crs --unit mm --voxel -2mm",
+        "bake a.stl b.stl -o c.crs --unit mm --crease-angle 190",
+        "replay a.crs b.csv",
+        "replay a.crs b.csv -o c.csv --response magic",
+        "replay a.crs b.csv -o c.csv --stiffness nan",
+        "replay a.crs b.csv -o c.csv --damping x",
+        "plot -o x.png",
+        "info",
+    ],
+)
+def test_wrong_command_line_exits_2(crease: Run, line: str) -> None:
+    said = crease(*line.split())
+    assert said.status == 2
+    assert "usage: crease" in said.err
+
+
+def test_bake_reports_for_people(
+    folder: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    said = crease("bake", block_stl, ball_stl, "-o", folder / "people.crs", "--unit", "mm")
+    assert said.status == 0
+    for word in (
+        "scene",
+        "triangles",
+        "12 static, 5,120 tool",
+        "voxel",
+        "samples",
+        "distance error",
+        "time",
+    ):
+        assert word in said.out
+
+
+def test_bake_reports_for_programs(
+    folder: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    args = (
+        "--unit",
+        "mm",
+        "--voxel",
+        "3mm",
+        "--spacing",
+        "2mm",
+        "--tolerance",
+        "0.2mm",
+        "--crease-angle",
+        "40",
+    )
+    said = crease("bake", block_stl, ball_stl, "-o", folder / "json.crs", *args, "--json")
+    report = said.json
+    assert said.status == 0
+    assert report["voxmap"]["voxel_m"] == pytest.approx(3e-3)
+    assert report["tool"]["spacing_m"] == pytest.approx(2e-3)
+    assert report["static"]["crease_angle_deg"] == pytest.approx(40.0)
+    assert report["static"]["convex_edges"] == 12
+    assert report["image_bytes"] == (folder / "json.crs").stat().st_size
+    assert report["warnings"] == []
+
+
+def test_same_meshes_bake_to_the_same_bytes(
+    folder: Path, block_stl: Path, ball_stl: Path, scene_crs: Path, crease: Run
+) -> None:
+    again = folder / "again.crs"
+    crease("bake", block_stl, ball_stl, "-o", again, "--unit", "mm", "--spacing", "1.5mm")
+    assert again.read_bytes() == scene_crs.read_bytes()
+
+
+def test_tool_may_have_a_unit_of_its_own(folder: Path, block_stl: Path, crease: Run) -> None:
+    tool = folder / "ball_cm.stl"
+    trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(tool)
+    args = ("--unit", "mm", "--tool-unit", "cm", "--json")
+    report = crease("bake", block_stl, tool, "-o", folder / "cm.crs", *args).json
+    assert report["tool"]["max_m"] == pytest.approx([0.01] * 3, rel=1e-3)
+    assert report["static"]["max_m"] == pytest.approx([0.04, 0.04, 0.0])
+
+
+def test_bake_warns_of_a_mend_and_goes_on(folder: Path, ball_stl: Path, crease: Run) -> None:
+    box = trimesh.creation.box(extents=[80, 80, 40])
+    box.invert()
+    box.export(folder / "inverted.stl")
+    said = crease(
+        "bake", folder / "inverted.stl", ball_stl, "-o", folder / "inv.crs", "--unit", "mm"
+    )
+    assert said.status == 0
+    assert said.err == f"warning: {folder / 'inverted.stl'}: was inside out: turned 12 triangles\n"
+
+
+def test_bake_refuses_an_open_mesh(folder: Path, ball_stl: Path, crease: Run) -> None:
+    box = trimesh.creation.box(extents=[80, 80, 40])
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    box.export(folder / "open.stl")
+    said = crease("bake", folder / "open.stl", ball_stl, "-o", folder / "open.crs", "--unit", "mm")
+    assert_error(said, "open.stl: is open: 4 edges", "close the surface")
+    assert not (folder / "open.crs").exists()
+
+
+def test_bake_refuses_a_wrong_unit_with_the_likely_one(
+    folder: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    said = crease("bake", block_stl, ball_stl, "-o", folder / "unit.crs", "--unit", "m")
+    assert_error(said, "120 m across", "try --unit mm")
+
+
+def test_output_that_exists_needs_force(
+    folder: Path, block_stl: Path, ball_stl: Path, press_csv: Path, scene_crs: Path, crease: Run
+) -> None:
+    out = folder / "kept.csv"
+    out.write_text("precious")
+    assert_error(crease("replay", scene_crs, press_csv, "-o", out), "exists already", "--force")
+    assert out.read_text() == "precious"
+    assert crease("replay", scene_crs, press_csv, "-o", out, "--force").status == 0
+    assert out.read_text().startswith("t_s,")
+    said = crease("bake", block_stl, ball_stl, "-o", scene_crs, "--unit", "mm")
+    assert_error(said, "exists already")
+
+
+def test_output_of_another_suffix_is_refused(
+    folder: Path,
+    block_stl: Path,
+    ball_stl: Path,
+    press_csv: Path,
+    scene_crs: Path,
+    press_out: Path,
+    crease: Run,
+) -> None:
+    assert_error(
+        crease("bake", block_stl, ball_stl, "-o", folder / "x.stl", "--unit", "mm"), ".crs"
+    )
+    assert_error(crease("replay", scene_crs, press_csv, "-o", folder / "x.xls"), ".csv, .npz")
+    assert_error(crease("plot", press_out, "-o", folder / "x.gif"), ".png, .svg, .pdf")
+
+
+def test_output_in_a_missing_folder_is_refused(
+    scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    said = crease("replay", scene_crs, press_csv, "-o", "/nowhere/at/all.csv")
+    assert_error(said, "/nowhere/at", "make it first")
+
+
+def test_info_for_people_and_programs(scene_crs: Path, crease: Run) -> None:
+    said = crease("info", scene_crs)
+    assert said.status == 0
+    for word in (
+        "static",
+        "12 triangles",
+        "80 mm x 80 mm x 40 mm",
+        "12 convex, 0 concave",
+        "point shell",
+    ):
+        assert word in said.out
+    info = crease("info", scene_crs, "--json").json
+    assert info["static"]["triangles"] == 12
+    assert info["static"]["concave_edges"] == 0
+    assert info["tool"]["points"] > 100
+    assert 0.0 < info["voxmap"]["error_max_m"] < info["voxmap"]["voxel_m"]
+
+
+def test_info_of_what_is_no_scene(folder: Path, block_stl: Path, crease: Run) -> None:
+    assert_error(crease("info", block_stl), "block.stl", "bake it again")
+    assert_error(crease("info", folder / "none.crs"), "No such file")
+    assert_error(crease("info", folder), "directory")
+
+
+def test_replay_report_for_programs(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    report = crease("replay", scene_crs, press_csv, "-o", folder / "r.csv", "--json").json
+    assert report["ticks"] == 400
+    assert 250 < report["ticks_in_contact"] < 310
+    assert report["force_max_N"] == pytest.approx(2.0, rel=0.02)
+    assert report["ticks_limited"] == 0
+
+
+def test_bad_row_stops_the_replay_and_leaves_nothing(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    bad = folder / "bad.csv"
+    lines = press_csv.read_text().splitlines()
+    lines[200] = lines[200].replace(",", ",oops", 1)
+    bad.write_text("\n".join(lines))
+    before = set(folder.iterdir())
+    said = crease("replay", scene_crs, bad, "-o", folder / "never.csv")
+    assert_error(said, f"{bad}:201: x_m is 'oops", "not a number")
+    assert set(folder.iterdir()) == before
+
+
+def test_force_limit_is_warned_of(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    said = crease("replay", scene_crs, press_csv, "-o", folder / "lim.csv", "--stiffness", "1e6")
+    assert said.status == 0
+    assert re.search(r"warning: \d+ of 400 ticks reached a limit", said.err)
+
+
+class Terminal:
+    """A stream that says it is a terminal."""
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        self.text += text
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+
+def test_progress_shows_only_long_work_and_cleans_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [0.0]
+    monkeypatch.setattr("crease.progress.time.monotonic", lambda: now[0])
+    stream = Terminal()
+    with Progress(stream) as progress:  # type: ignore[arg-type]
+        progress("work", 0.1)
+        assert stream.text == ""
+        now[0] = 2.0
+        progress("work", 0.5)
+        assert "50%" in stream.text
+    assert stream.text.endswith("\r\x1b[K")
+
+
+def test_progress_is_silent_in_a_pipe(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("crease.progress.time.monotonic", lambda: now[0])
+    with Progress() as progress:
+        now[0] = 5.0
+        progress("work", 0.5)
+    assert capsys.readouterr().err == ""

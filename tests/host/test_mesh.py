@@ -1,0 +1,368 @@
+"""Meshes from files and arrays: what is mended, what is refused, and what is said about it."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import igl
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from crease import topology
+from crease.errors import MeshError
+from crease.mesh import Mesh, load_mesh, make_mesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+FIRST = np.array([[0, 1, 2]])
+Arrays = tuple[npt.NDArray[Any], npt.NDArray[Any]]
+
+
+def box(low: Any = (0, 0, 0), high: Any = (1, 1, 1)) -> Arrays:
+    """A box of 12 triangles with 8 vertices."""
+    mesh = trimesh.creation.box(bounds=[low, high])
+    return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def both(one: Arrays, two: Arrays) -> Arrays:
+    """Two meshes as one."""
+    return np.concatenate([one[0], two[0]]), np.concatenate([one[1], two[1] + len(one[0])])
+
+
+def volume(mesh: Mesh) -> float:
+    return float(topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum())
+
+
+def assert_sound(mesh: Mesh) -> None:
+    """Closed, consistently oriented, positive volume: what Mesh promises."""
+    assert mesh.vertices_m.dtype == np.float64
+    assert mesh.triangles.dtype == np.int32
+    assert len(topology.unbalanced_edges(mesh.triangles, len(mesh.vertices_m))) == 0
+    assert volume(mesh) > 0.0
+
+
+def test_sound_box_passes_without_warning() -> None:
+    mesh = make_mesh(*box())
+    assert_sound(mesh)
+    assert mesh.warnings == ()
+    assert volume(mesh) == pytest.approx(1.0)
+
+
+def test_triangle_soup_is_welded_without_warning() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(vertices[triangles].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert_sound(mesh)
+    assert (len(mesh.vertices_m), mesh.warnings) == (8, ())
+
+
+def test_rounded_soup_is_sewn_with_a_warning() -> None:
+    vertices, triangles = box()
+    noise = np.random.default_rng(0).normal(0.0, 1e-8, (36, 3))
+    mesh = make_mesh(vertices[triangles].reshape(-1, 3) + noise, np.arange(36).reshape(-1, 3))
+    assert_sound(mesh)
+    assert "welded 28 vertices" in mesh.warnings[0]
+
+
+def test_inverted_mesh_is_turned() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(vertices, triangles[:, ::-1], source="part.stl")
+    assert_sound(mesh)
+    assert mesh.warnings == ("part.stl: was inside out: turned 12 triangles",)
+
+
+@given(st.sets(st.integers(0, 11), min_size=1, max_size=11))
+def test_any_mix_of_turned_triangles_is_put_right(turned: set[int]) -> None:
+    vertices, triangles = box()
+    chosen = sorted(turned)
+    triangles[chosen] = triangles[chosen][:, ::-1]
+    mesh = make_mesh(vertices, triangles)
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(1.0)
+    assert "turned" in mesh.warnings[0]
+
+
+def test_moebius_strip_is_refused() -> None:
+    u = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    rim = [
+        np.stack([(1 + s * np.cos(u / 2)) * np.cos(u), (1 + s * np.cos(u / 2)) * np.sin(u), s * np.sin(u / 2)], 1)
+        for s in (-0.3, 0.3)
+    ]  # fmt: skip
+    i = np.arange(39)
+    triangles = np.concatenate(
+        [np.stack([i, i + 1, i + 40], 1), np.stack([i + 1, i + 41, i + 40], 1), [[39, 40, 79], [40, 0, 79]]]
+    )  # fmt: skip
+    with pytest.raises(MeshError, match="open"):
+        make_mesh(np.concatenate(rim), triangles)
+
+
+def test_one_missing_triangle_is_closed() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(vertices, triangles[1:])
+    assert_sound(mesh)
+    assert "closed 1 hole with 1 triangle" in mesh.warnings[0]
+    assert volume(mesh) == pytest.approx(1.0)
+
+
+def test_round_hole_in_a_ball_is_capped() -> None:
+    ball = trimesh.creation.icosphere(4)
+    triangles = ball.faces[ball.triangles_center[:, 2] < 0.95]
+    mesh = make_mesh(ball.vertices, triangles)
+    assert_sound(mesh)
+    assert "closed 1 hole" in mesh.warnings[0]
+
+
+def test_box_without_lid_is_refused_as_open() -> None:
+    vertices, triangles = box()
+    lid = (vertices[triangles][:, :, 2] == 1.0).all(axis=1)
+    with pytest.raises(MeshError, match=r"part: is open: 4 edges .* near .* close the surface"):
+        make_mesh(vertices, triangles[~lid], source="part")
+
+
+def test_duplicate_triangles_are_dropped() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(vertices, np.concatenate([triangles, triangles[:3]]))
+    assert_sound(mesh)
+    assert len(mesh.triangles) == 12
+    assert "dropped 3 duplicate triangles" in mesh.warnings[0]
+
+
+def test_duplicate_triangle_of_other_winding_is_dropped() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(vertices, np.concatenate([triangles, triangles[:1, ::-1]]))
+    assert_sound(mesh)
+    assert len(mesh.triangles) == 12
+
+
+def test_triangles_without_area_are_dropped() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(vertices, np.concatenate([triangles, [[0, 0, 1], [2, 2, 2]]]))
+    assert_sound(mesh)
+    assert "dropped 2 triangles without area" in mesh.warnings[0]
+
+
+def test_sliver_is_collapsed() -> None:
+    fine = trimesh.Trimesh(*box(), process=False).subdivide()
+    vertices = np.array(fine.vertices)
+    vertices[np.argmin(np.linalg.norm(vertices - [0.5, 0.0, 0.0], axis=1))] = [1e-7, 0.0, 0.0]
+    mesh = make_mesh(vertices, fine.faces)
+    assert_sound(mesh)
+    assert "collapsed 2 slivers" in mesh.warnings[0]
+    assert volume(mesh) == pytest.approx(1.0, rel=1e-5)
+    assert topology.altitudes_m(mesh.vertices_m, mesh.triangles).min() > 1e-6
+
+
+def test_overlapping_shells_are_united() -> None:
+    mesh = make_mesh(*both(box(), box((0.5, 0.5, 0.5), (1.5, 1.5, 1.5))))
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(1.875)
+    assert "united 2 shells that meet into 1 shell" in mesh.warnings[0]
+
+
+def test_touching_shells_lose_the_wall_between() -> None:
+    mesh = make_mesh(*both(box(), box((1, 0, 0), (2, 1, 1))))
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(2.0)
+    middle = (np.abs(mesh.vertices_m[mesh.triangles][:, :, 0] - 1.0) < 1e-9).all(axis=1)
+    assert not middle.any()
+
+
+def test_separate_shells_stay() -> None:
+    mesh = make_mesh(*both(box(), box((2, 2, 2), (3, 3, 3))))
+    assert_sound(mesh)
+    assert mesh.warnings == ()
+    assert volume(mesh) == pytest.approx(2.0)
+
+
+def test_one_inverted_of_two_shells_is_turned() -> None:
+    vertices, triangles = box((2, 2, 2), (3, 3, 3))
+    mesh = make_mesh(*both(box(), (vertices, triangles[:, ::-1])))
+    assert_sound(mesh)
+    assert "turned 1 of 2 shells" in mesh.warnings[0]
+    assert volume(mesh) == pytest.approx(2.0)
+
+
+def test_cavity_stays_a_cavity() -> None:
+    vertices, triangles = box((0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
+    mesh = make_mesh(*both(box(), (vertices, triangles[:, ::-1])))
+    assert_sound(mesh)
+    assert mesh.warnings == ()
+    assert volume(mesh) == pytest.approx(0.875)
+
+
+def test_solid_inside_a_solid_vanishes() -> None:
+    mesh = make_mesh(*both(box(), box((0.25, 0.25, 0.25), (0.75, 0.75, 0.75))))
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(1.0)
+    assert "united 2 shells" in mesh.warnings[0]
+
+
+def test_thousand_shells_are_handled() -> None:
+    vertices, triangles = box()
+    corner = np.stack(np.meshgrid(*[np.arange(10) * 0.9] * 3), -1).reshape(-1, 1, 3)
+    many = (vertices * 1.0 + corner).reshape(-1, 3)
+    mesh = make_mesh(many * 0.1, np.concatenate([triangles + 8 * i for i in range(1000)]))
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(0.91**3, rel=1e-6)
+
+
+def test_surface_through_itself_is_refused_with_a_place() -> None:
+    ball = trimesh.creation.icosphere(3)
+    vertices = np.array(ball.vertices)
+    top = vertices[:, 2] > 0.5
+    vertices[top, 2] = 2.5 - 4.0 * vertices[top, 2]
+    with pytest.raises(MeshError, match=r"passes through itself: .* cross, one near \("):
+        make_mesh(vertices, ball.faces)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10_000))
+def test_crossing_counts_agree_with_libigl(seed: int) -> None:
+    """Random triangles in general position: the C search against libigl's exact distances being zero."""
+    rng = np.random.default_rng(seed)
+    vertices = rng.random((30, 3)) + np.repeat(rng.random((10, 3)), 3, axis=0)
+    triangles = np.arange(30, dtype=np.int32).reshape(-1, 3)
+    count, _ = topology.self_intersections(vertices, triangles, 1e-12)
+    expected = sum(
+        crosses(vertices[triangles[i]], vertices[triangles[j]]) for i in range(10) for j in range(i)
+    )
+    assert count == expected
+
+
+def crosses(one: npt.NDArray[Any], two: npt.NDArray[Any]) -> bool:
+    """Whether any side of one triangle hits the other: libigl's ray casting."""
+    for a, b in ((one, two), (two, one)):
+        for k in range(3):
+            origin, way = a[k], a[(k + 1) % 3] - a[k]
+            hits = igl.ray_mesh_intersect(origin, way, np.ascontiguousarray(b), FIRST)
+            if any(0.0 <= hit[1] <= 1.0 for hit in hits):
+                return True
+    return False
+
+
+def test_flat_sheet_is_refused() -> None:
+    with pytest.raises(MeshError, match="flat"):
+        make_mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
+
+
+def test_wrong_unit_is_refused_with_the_likely_one() -> None:
+    vertices, triangles = box((0, 0, 0), (200, 200, 100))
+    with pytest.raises(MeshError, match=r"300 m across .* --unit mm \(300 mm\)"):
+        make_mesh(vertices, triangles, 1.0)
+
+
+def test_unlikely_unit_gets_a_warning() -> None:
+    mesh = make_mesh(*box((0, 0, 0), (30, 30, 30)), 1.0)
+    assert "52 m across" in mesh.warnings[0]
+    assert "--unit mm (52 mm)" in mesh.warnings[0]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_coordinates_that_are_not_finite_are_refused(bad: float) -> None:
+    vertices, triangles = box()
+    vertices[3, 1] = bad
+    with pytest.raises(MeshError, match="vertex 3"):
+        make_mesh(vertices, triangles)
+
+
+def test_mesh_without_triangles_is_refused() -> None:
+    with pytest.raises(MeshError, match="no triangles"):
+        make_mesh(np.zeros((4, 3)), np.zeros((0, 3), dtype=int))
+
+
+def test_triangle_of_a_missing_vertex_is_refused() -> None:
+    vertices, triangles = box()
+    with pytest.raises(MeshError, match="not there"):
+        make_mesh(vertices, triangles + 1)
+
+
+def test_huge_mesh_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crease.mesh.TRIANGLES_MAX", 10)
+    with pytest.raises(MeshError, match="12 triangles, more than 10"):
+        make_mesh(*box())
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 100_000), st.floats(0.01, 10.0))
+def test_any_order_of_vertices_and_triangles_gives_the_same_solid(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(1, radius=scale)
+    order = rng.permutation(len(ball.vertices))
+    place = np.argsort(order)
+    triangles = place[ball.faces][rng.permutation(len(ball.faces))]
+    mesh = make_mesh(ball.vertices[order], triangles)
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(ball.volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "off", "glb"])
+def test_every_format_is_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"part.{suffix}"
+    trimesh.creation.box(extents=[20, 30, 40]).export(path)
+    mesh = load_mesh(path, 1e-3)
+    assert_sound(mesh)
+    assert np.ptp(mesh.vertices_m, axis=0) == pytest.approx([0.02, 0.03, 0.04])
+    assert mesh.digest_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert (mesh.source, mesh.unit_m) == (str(path), 1e-3)
+
+
+def test_ascii_stl_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "part.stl"
+    path.write_text(
+        trimesh.exchange.stl.export_stl_ascii(trimesh.creation.box(extents=[20, 30, 40]))
+    )
+    assert volume(load_mesh(path, 1e-3)) == pytest.approx(24e-6)
+
+
+def test_parts_of_a_glb_scene_are_placed(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box(extents=[1, 1, 1]))
+    move = trimesh.transformations.translation_matrix([3, 0, 0])
+    scene.add_geometry(trimesh.creation.box(extents=[1, 1, 1]), transform=move)
+    scene.export(tmp_path / "two.glb")
+    mesh = load_mesh(tmp_path / "two.glb", 1.0)
+    assert np.ptp(mesh.vertices_m, axis=0) == pytest.approx([4.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("part.stl", b"", "empty file"),
+        ("part.stl", b"solid nothing\nendsolid nothing\n", "part.stl"),
+        ("part.stl", b"\x00" * 100, "part.stl"),
+        ("part.stl", bytes(range(256)) * 10, "part.stl"),
+        ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "part.ply"),
+        ("part.obj", b"v 1 2 3\nv 1 2 3\n", "part.obj"),
+        ("part.glb", b"glTF\x02\x00\x00\x00", "part.glb"),
+        ("part.step", b"ISO-10303-21;", "convert it"),
+    ],
+)
+def test_broken_file_is_refused_on_one_line(
+    tmp_path: Path, name: str, content: bytes, reason: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(MeshError) as caught:
+        load_mesh(path, 1e-3)
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match="No such file"):
+        load_mesh(tmp_path / "none.stl", 1.0)
+
+
+@pytest.mark.slow
+def test_a_million_triangles_are_checked_in_time(tmp_path: Path) -> None:
+    """The limit is far above the measured 8 s, so that a busy machine does not fail it."""
+    import time
+
+    path = tmp_path / "big.stl"
+    trimesh.creation.icosphere(8, radius=100.0).export(path)
+    start_s = time.monotonic()
+    mesh = load_mesh(path, 1e-3)
+    assert len(mesh.triangles) == 1_310_720
+    assert time.monotonic() - start_s < 60.0

@@ -1,0 +1,109 @@
+"""Figures: files that are whole, panels that hold the numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crease.figures import CornerCase, draw_corner, section_xz
+from crease.mesh import load_mesh
+from crease.plot import draw_ticks, forces_N, save_figure, turn_deg
+from crease.table import read_table
+from host_tools import Run
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+STARTS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+
+
+@pytest.mark.parametrize("kind", sorted(STARTS))
+def test_figure_is_written_in_every_format(
+    folder: Path, press_out: Path, crease: Run, kind: str
+) -> None:
+    figure = folder / f"figure.{kind}"
+    said = crease("plot", press_out, "-o", figure, "--title", "press")
+    assert (said.status, said.out) == (0, f"{figure}\n")
+    assert figure.read_bytes().startswith(STARTS[kind])
+    assert figure.stat().st_size > 5_000
+
+
+def test_png_has_many_colours(folder: Path, press_out: Path, crease: Run) -> None:
+    figure = folder / "many.png"
+    crease("plot", press_out, "-o", figure)
+    with Image.open(figure) as image:
+        assert min(image.size) > 800
+        assert len(image.convert("RGB").getcolors(1 << 24) or []) > 50
+
+
+def test_several_tables_share_a_figure_with_their_names(
+    folder: Path, press_out: Path, crease: Run
+) -> None:
+    other = folder / "other_out.csv"
+    other.write_bytes(press_out.read_bytes())
+    figure = folder / "two.svg"
+    assert crease("plot", press_out, other, "-o", figure).status == 0
+    drawn = draw_ticks([read_table(press_out), read_table(other)], ["press_out", "other_out"])
+    legend = drawn.axes[0].get_legend()
+    assert legend is not None
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == ["press_out", "other_out"]
+
+
+def test_panels_hold_the_numbers_of_the_table(press_out: Path) -> None:
+    table = read_table(press_out)
+    axes = draw_ticks([table], ["press"]).axes
+    assert len(axes) == 4
+    assert np.array_equal(axes[0].lines[0].get_ydata(), np.linalg.norm(forces_N(table), axis=1))
+    assert np.array_equal(axes[1].lines[0].get_ydata(), 1e3 * table["depth_m"])
+    assert np.array_equal(axes[3].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
+
+
+def test_same_table_gives_the_same_svg(folder: Path, press_out: Path, crease: Run) -> None:
+    one, two = folder / "one.svg", folder / "two_same.svg"
+    for figure in (one, two):
+        crease("plot", press_out, "-o", figure, "--title", "same")
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_table_of_another_kind_is_refused(folder: Path, press_csv: Path, crease: Run) -> None:
+    said = crease("plot", press_csv, "-o", folder / "no.png")
+    assert said.status == 1
+    assert "no column fx_N" in said.err
+    assert not (folder / "no.png").exists()
+
+
+def test_too_many_tables_are_refused(folder: Path, press_out: Path, crease: Run) -> None:
+    said = crease("plot", *[press_out] * 9, "-o", folder / "no.png")
+    assert (said.status, said.err.count("\n")) == (1, 1)
+
+
+@given(st.floats(0.0, 179.0), st.floats(0.01, 100.0))
+def test_turn_is_the_angle_between_neighbours(angle_deg: float, force_N: float) -> None:
+    angle = np.radians(angle_deg)
+    forces = force_N * np.array(
+        [[0.0, 0.0, 1.0], [np.sin(angle), 0.0, np.cos(angle)], [0.0, 0.0, 0.0]]
+    )
+    turn = turn_deg(forces)
+    assert turn[1] == pytest.approx(angle_deg, abs=1e-6)
+    assert np.isnan(turn[[0, 2]]).all()
+
+
+def test_section_of_a_block_is_its_rectangle(block_stl: Path) -> None:
+    (outline,) = section_xz(load_mesh(block_stl, 1e-3), 0.01)
+    assert outline.min(axis=0) == pytest.approx([-0.04, -0.04])
+    assert outline.max(axis=0) == pytest.approx([0.04, 0.0])
+
+
+def test_corner_figure_draws_a_panel_for_each_case(
+    folder: Path, block_stl: Path, press_out: Path
+) -> None:
+    table = read_table(press_out)
+    position_m = np.stack([table["dx_m"], table["dy_m"], table["dz_m"]], axis=1)
+    cases = [CornerCase(name, position_m, forces_N(table)) for name in ("one", "two")]
+    figure = draw_corner(cases, section_xz(load_mesh(block_stl, 1e-3)), 0.01)
+    assert [axes.get_title() for axes in figure.axes] == ["one", "two", ""]
+    with (folder / "corner.png").open("wb") as file:
+        save_figure(figure, file, "png")
+    assert (folder / "corner.png").stat().st_size > 20_000

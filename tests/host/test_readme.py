@@ -1,0 +1,64 @@
+"""README.md tells the truth: its marked commands run as written, its make targets and files exist.
+
+A block of commands that follows the line `<!-- run -->` is run, as one script, in a folder that has the repository's
+meshes under the same names.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8") if (ROOT / "README.md").exists() else ""
+MARKED = re.findall(r"<!-- run -->\s*\n```sh\n(.*?)```", TEXT, re.DOTALL)
+BLOCKS = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    """A folder like a fresh clone with its meshes made, where outputs do not disturb anything."""
+    (tmp_path / "build").mkdir()
+    for name in ("meshes", "build/meshes"):
+        assert (ROOT / name).exists(), f"{name} is missing: run `make meshes`"
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
+
+
+def test_readme_marks_commands_to_run() -> None:
+    assert MARKED
+
+
+def test_marked_commands_run_as_written(work: Path) -> None:
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    for script in MARKED:
+        result = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", script],
+            cwd=work,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert result.returncode == 0, f"{script}\n{result.stderr}"
+
+
+def test_every_make_target_in_the_readme_exists() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    named = set(
+        re.findall(
+            r"\bmake ([a-z][a-z-]*)", "\n".join([*BLOCKS, *re.findall(r"`([^`\n]+)`", TEXT)])
+        )
+    )
+    assert named
+    assert named <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+
+
+def test_every_link_in_the_readme_leads_somewhere() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", TEXT)
+    assert all((ROOT / link).exists() for link in links if "://" not in link)

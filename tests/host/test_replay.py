@@ -1,0 +1,143 @@
+"""Replay: the table of a path, and the world behind it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crease.errors import SceneError
+from crease.native import COVERAGES, RESPONSES, lib
+from crease.replay import COLUMNS, ReplayOptions, World, check_row_layout, run_path, to_columns
+from crease.scene import open_image, open_scene
+from crease.table import read_table
+from crease.trajectory import check_rows, load_trajectory
+from host_tools import Run, write_path
+
+
+def test_row_type_matches_the_c_struct() -> None:
+    assert check_row_layout()
+
+
+def test_names_come_from_the_c_enumerations() -> None:
+    assert {"zones", "fixed45"} <= set(RESPONSES)
+    assert RESPONSES["zones"] == lib.CR_RESPONSE_ZONES
+    assert len(RESPONSES) == lib.CR_RESPONSE_COUNT
+    assert set(COVERAGES) == {"soft", "hard"}
+
+
+def test_table_has_the_documented_columns(press_out: Path) -> None:
+    assert tuple(read_table(press_out)) == COLUMNS
+
+
+def test_ball_on_a_block_gives_k_times_depth_upwards(press_out: Path) -> None:
+    table = read_table(press_out)
+    pressed = slice(250, 400)
+    assert table["fz_N"][pressed] == pytest.approx(2.0, rel=0.02)
+    assert np.abs(table["fx_N"][pressed]).max() < 0.02
+    assert table["depth_m"][pressed] == pytest.approx(0.002, rel=0.02)
+    assert table["nz"][pressed] == pytest.approx(1.0, abs=1e-4)
+    assert (table["areas"][pressed] == 1).all()
+
+
+def test_no_force_in_free_space(press_out: Path) -> None:
+    table = read_table(press_out)
+    free = slice(0, 90)
+    for name in ("fx_N", "fy_N", "fz_N", "depth_m", "areas", "contacts"):
+        assert (table[name][free] == 0.0).all()
+
+
+def test_display_pose_rests_on_the_surface(press_out: Path) -> None:
+    table = read_table(press_out)
+    assert (table["dz_m"] >= 0.010 - 5e-5).all()
+
+
+@pytest.mark.parametrize("response", sorted(RESPONSES))
+@pytest.mark.parametrize("coverage", sorted(COVERAGES))
+def test_every_response_and_coverage_pushes_out(
+    scene_crs: Path, press_csv: Path, response: str, coverage: str
+) -> None:
+    options = ReplayOptions(response=response, coverage=coverage)
+    rows = run_path(open_scene(scene_crs), load_trajectory(press_csv), options)
+    assert rows["force_N"][399, 2] == pytest.approx(2.0, rel=0.05)
+
+
+def test_stiffness_scales_the_force(scene_crs: Path, press_csv: Path) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    soft = run_path(scene, path, ReplayOptions(stiffness_N_m=500.0))
+    hard = run_path(scene, path, ReplayOptions(stiffness_N_m=1000.0))
+    assert hard["force_N"] == pytest.approx(2.0 * soft["force_N"], rel=1e-5)
+
+
+def test_repeat_keeps_everything_but_the_cost(scene_crs: Path, press_csv: Path) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    once, thrice = run_path(scene, path), run_path(scene, path, repeat=3)
+    for name in once.dtype.names or ():
+        if name != "tick_ns":
+            assert np.array_equal(once[name], thrice[name]), name
+    assert (thrice["tick_ns"] > 0).all()
+
+
+def test_chunks_do_not_show(
+    scene_crs: Path, press_csv: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    options = ReplayOptions(damping_Ns_m=5.0)
+    whole = run_path(scene, path, options)
+    monkeypatch.setattr("crease.replay._CHUNK", 7)
+    parts = run_path(scene, path, options)
+    assert np.array_equal(whole["force_N"], parts["force_N"])
+
+
+def test_single_ticks_agree_with_the_loop(scene_crs: Path, press_csv: Path) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    rows = run_path(scene, path)
+    world = World(scene)
+    for i in range(0, 400, 50):
+        out = world.tick(path.rows[i, 1:])
+        assert out.force_world_N.z == rows["force_N"][i, 2]
+        assert out.depth_m == rows["depth_m"][i]
+
+
+def test_settings_out_of_range_are_refused(scene_crs: Path) -> None:
+    with pytest.raises(SceneError, match="check the options"):
+        World(open_scene(scene_crs), ReplayOptions(stiffness_N_m=-1.0))
+
+
+def test_damaged_image_is_refused(scene_crs: Path) -> None:
+    image = bytearray(scene_crs.read_bytes())
+    image[len(image) // 2] ^= 1
+    for broken in (b"", b"short", bytes(image), bytes(image[:-64]), bytes(4096)):
+        with pytest.raises(SceneError, match=r"^x\.crs: .*; bake it again$"):
+            open_image(broken, "x.crs")
+
+
+def test_npz_and_csv_hold_the_same_numbers(
+    folder: Path, scene_crs: Path, press_csv: Path, press_out: Path, crease: Run
+) -> None:
+    npz = folder / "press_out.npz"
+    assert crease("replay", scene_crs, press_csv, "-o", npz).status == 0
+    one, two = read_table(press_out), read_table(npz)
+    for name in COLUMNS:
+        if name != "tick_ns":
+            assert np.array_equal(one[name].astype(two[name].dtype), two[name]), name
+
+
+def test_columns_of_a_path_from_arrays(scene_crs: Path) -> None:
+    rows = np.array([[0.0, 0, 0, 0.009, 1, 0, 0, 0], [0.001, 0, 0, 0.009, 1, 0, 0, 0]])
+    path = check_rows(rows, "here")
+    columns = to_columns(path, run_path(open_scene(scene_crs), path))
+    assert columns["fz_N"] == pytest.approx([1.0, 1.0], rel=0.05)
+
+
+@pytest.mark.slow
+def test_hundred_thousand_poses_take_a_few_seconds(
+    folder: Path, scene_crs: Path, crease: Run
+) -> None:
+    """The limit is far above the measured time, so that a busy machine does not fail it."""
+    way = np.linspace([-0.02, 0.0, 0.008], [0.02, 0.0, 0.009], 100_000)
+    path = write_path(folder / "long.csv", way)
+    said = crease("replay", scene_crs, path, "-o", folder / "long_out.csv", "--json")
+    assert said.status == 0
+    assert said.json["ticks"] == 100_000
+    assert said.json["time_s"] < 30.0

@@ -1,0 +1,93 @@
+"""Tables: what is written reads back the same, and never half."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pytest
+from crease.errors import CreaseError, TableError
+from crease.table import check_target, read_table, write_atomic, write_table
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+
+@given(
+    hnp.arrays(np.float64, 20, elements=st.floats(allow_nan=False)),
+    hnp.arrays(np.float32, 20, elements=st.floats(width=32, allow_nan=False)),
+    hnp.arrays(np.uint32, 20),
+)
+def test_csv_reads_back_to_the_bit(wide: np.ndarray, narrow: np.ndarray, count: np.ndarray) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        write_table(path, {"wide": wide, "narrow": narrow, "count": count})
+        back = read_table(path)
+    assert np.array_equal(back["wide"], wide)
+    assert np.array_equal(back["narrow"].astype(np.float32), narrow)
+    assert np.array_equal(back["count"], count)
+
+
+def test_numbers_have_no_needless_digits(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    write_table(
+        path,
+        {"a": np.array([0.1, 0.25]), "b": np.array([0.1, -0.0], np.float32), "n": np.array([3, 0])},
+    )
+    assert path.read_text() == "a,b,n\n0.1,0.1,3\n0.25,0,0\n"
+
+
+def test_long_table_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    values = np.arange(20_000, dtype=np.float64) / 7.0
+    write_table(path, {"v": values})
+    assert np.array_equal(read_table(path)["v"], values)
+
+
+def test_npz_reads_back(tmp_path: Path) -> None:
+    path = tmp_path / "table.npz"
+    write_table(path, {"a": np.arange(3)})
+    assert np.array_equal(read_table(path)["a"], np.arange(3))
+
+
+def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+
+    def fail(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write_atomic(path, fail)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_other_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match=r"neither \.csv nor \.npz"):
+        write_table(tmp_path / "table.xlsx", {"a": np.zeros(1)})
+
+
+def test_target_that_exists_needs_force(tmp_path: Path) -> None:
+    path = tmp_path / "out.csv"
+    path.touch()
+    with pytest.raises(CreaseError, match="--force"):
+        check_target(path, force=False)
+    check_target(path, force=True)
+
+
+def test_target_in_a_missing_folder_or_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CreaseError, match="no folder"):
+        check_target(tmp_path / "none" / "out.csv", force=False)
+    with pytest.raises(CreaseError, match="is a folder"):
+        check_target(tmp_path, force=True)
+
+
+def test_missing_column_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(TableError, match="no column c"):
+        read_table(path, ("a", "c"))

@@ -1,0 +1,103 @@
+"""A replay has one hash: for both compilers, every optimisation, this machine's own vector width, and any skipping."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from crease.bake import BakeOptions, bake_scene
+from crease.mesh import make_mesh
+from crease.native import COVERAGES, RESPONSES
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+FLAGS = ["-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno"]
+BUILDS = [
+    *(f"{cc} {level}" for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2", "-O3")),
+    "gcc -O3 -march=native",
+    "clang -O3 -march=native",
+]
+
+
+def build(folder: Path, options: str) -> Path:
+    """The hash program, built with these options."""
+    compiler, *levels = options.split()
+    program = folder / options.replace(" ", "_")
+    sources = [
+        ROOT / "tests/check/replay_hash.c",
+        ROOT / "host/native/replay.c",
+        *sorted((ROOT / "firmware").glob("*.c")),
+    ]
+    includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]
+    subprocess.run(
+        [compiler, *FLAGS, *levels, *includes, *sources, "-lm", "-o", program], check=True
+    )
+    return program
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("hash")
+
+
+@pytest.fixture(scope="module")
+def inputs(folder: Path) -> tuple[Path, Path]:
+    """A stepped block, a turning cube over all its edges: smooth, convex and concave contact, and free space."""
+    low = trimesh.creation.box(bounds=[[-40, -40, -30], [40, 40, 0]])
+    high = trimesh.creation.box(bounds=[[-40, -40, -10], [0, 40, 15]])
+    both = trimesh.util.concatenate([low, high])
+    static = make_mesh(both.vertices, both.faces, 1e-3)
+    cube = trimesh.creation.box(extents=[20, 20, 20])
+    tool = make_mesh(cube.vertices, cube.faces, 1e-3)
+    image = folder / "scene.crs"
+    options = BakeOptions(voxel_m=2e-3, spacing_m=1.5e-3)
+    image.write_bytes(bake_scene(static, tool, options, lambda _label, _part: None).image)
+    rng = np.random.default_rng(5)
+    s = np.linspace(0.0, 1.0, 1500)
+    knots = rng.uniform([-0.045, -0.045, 0.003], [0.045, 0.045, 0.03], (12, 3))
+    position = np.stack([np.interp(s, np.linspace(0, 1, 12), knots[:, k]) for k in range(3)], 1)
+    turn = np.stack([np.ones_like(s), np.sin(5 * s), np.cos(3 * s), np.sin(2 * s)], 1)
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    path = folder / "path.bin"
+    np.hstack([np.arange(1500)[:, None] * 1e-3, position, turn]).astype("<f8").tofile(path)
+    return image, path
+
+
+def run(program: Path, inputs: tuple[Path, Path], response: int, coverage: int, skip: int) -> str:
+    command = [program, *inputs, str(response), str(coverage), str(skip)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def reference(folder: Path, inputs: tuple[Path, Path]) -> dict[tuple[int, int], str]:
+    """Hash of every response and coverage, without optimisation and with all skipping."""
+    program = build(folder, "gcc -O0 -g")
+    return {
+        (response, coverage): run(program, inputs, response, coverage, 7)
+        for response in RESPONSES.values()
+        for coverage in COVERAGES.values()
+    }
+
+
+def test_settings_have_hashes_of_their_own(reference: dict[tuple[int, int], str]) -> None:
+    assert len(set(reference.values())) == len(reference)
+
+
+@pytest.mark.parametrize("options", BUILDS)
+def test_every_build_has_the_same_hash(
+    folder: Path, inputs: tuple[Path, Path], reference: dict[tuple[int, int], str], options: str
+) -> None:
+    program = build(folder, options)
+    for (response, coverage), expected in reference.items():
+        assert run(program, inputs, response, coverage, 7) == expected
+
+
+@pytest.mark.parametrize("skip", range(7))
+def test_skipping_changes_no_bit(
+    folder: Path, inputs: tuple[Path, Path], reference: dict[tuple[int, int], str], skip: int
+) -> None:
+    program = folder / "gcc_-O0_-g"
+    for (response, coverage), expected in reference.items():
+        assert run(program, inputs, response, coverage, skip) == expected
