@@ -50,6 +50,17 @@ typedef struct {
     uint32_t kernels;
 } walk;
 
+/* Leaf spheres waiting for a look, in cluster order: lanes of several groups share one lookup. */
+typedef struct {
+    uint32_t count;
+    uint32_t cluster[CR_LANES];
+    uint32_t slot[CR_LANES]; /* index into motion->wake_m */
+    float x[CR_LANES], y[CR_LANES], z[CR_LANES];
+    float radius[CR_LANES], margin[CR_LANES], rho[CR_LANES];
+    cr_lanes3 world;
+    cr_lookup centres;
+} batch;
+
 /* Fixed order of addition: lane i with lane i + 8, then 4, 2, 1. */
 static float sum_lanes(float *v) {
     for (int width = CR_LANES / 2; width > 0; width /= 2) {
@@ -79,7 +90,7 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_im
         ax[i] = w[i] * c->ax[i];
         ay[i] = w[i] * c->ay[i];
         az[i] = w[i] * c->az[i];
-        area[i] = sqrtf(ax[i] * ax[i] + ay[i] * ay[i] + az[i] * az[i]);
+        area[i] = w[i] * c->area[i];
         px[i] = area[i] * c->x[i];
         py[i] = area[i] * c->y[i];
         pz[i] = area[i] * c->z[i];
@@ -149,11 +160,12 @@ static cr_touch *find_touch(walk *w, uint32_t first, uint32_t facet) {
 }
 
 /* Facet of the static surface that a lane is nearest to, or CR_FACET_NONE away from the surface. */
-static uint32_t facet_of_lane(const cr_scene *s, const cr_lookup *at, int lane, cr_vec3 p) {
-    if (at->facet[lane] != CR_FACET_NONE) {
+static uint32_t facet_of_lane(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p) {
+    const cr_scene *s = f->scene;
+    if ((at->from_facet >> lane) & 1u) {
         return at->facet[lane];
     }
-    const struct cr_img_kind *kind = &s->kinds[at->kind[lane]];
+    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(f, at, lane)];
     if (kind->count < 2u) {
         return kind->count == 1u ? kind->facet[0] : CR_FACET_NONE;
     }
@@ -162,9 +174,9 @@ static uint32_t facet_of_lane(const cr_scene *s, const cr_lookup *at, int lane, 
     float best_cost = 3.4e38f;
     cr_vec3 g = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
     for (uint32_t k = 0; k < kind->count; k++) {
-        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
-        float off = abs_f(v3_dot(v3_from(f->normal), p) - f->offset_m - at->phi_m[lane]);
-        float cost = off + (1.0f - v3_dot(v3_from(f->normal), g)) * s->meta->voxel_m;
+        const struct cr_img_facet *plane = &s->facets[kind->facet[k]];
+        float off = abs_f(v3_dot(v3_from(plane->normal), p) - plane->offset_m - at->phi_m[lane]);
+        float cost = off + (1.0f - v3_dot(v3_from(plane->normal), g)) * s->meta->voxel_m;
         if (cost < best_cost) {
             best_cost = cost;
             best = kind->facet[k];
@@ -175,7 +187,7 @@ static uint32_t facet_of_lane(const cr_scene *s, const cr_lookup *at, int lane, 
 
 /* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
 static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
-    uint32_t index = facet_of_lane(w->scene, at, lane, p_world);
+    uint32_t index = facet_of_lane(w->field, at, lane, p_world);
     if (index == CR_FACET_NONE) {
         return;
     }
@@ -193,7 +205,7 @@ static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane
 }
 
 /* A cluster that is inside as a whole: sums from the image, surface from its centre. */
-static void take_whole(walk *w, uint32_t cluster, const cr_lookup *centres, const cr_lanes3 *centre_world, int lane) {
+static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     cr_hit *hit = add_hit(w, cluster);
     if (hit == NULL) {
         return;
@@ -205,9 +217,9 @@ static void take_whole(walk *w, uint32_t cluster, const cr_lookup *centres, cons
     hit->sum = w->scene->sums[cluster];
     w->stats->contacts += w->scene->clusters[cluster].count;
     w->stats->clusters++;
-    if (abs_f(centres->phi_m[lane]) < w->scene->meta->band_m) {
-        cr_vec3 p = v3(centre_world->x[lane], centre_world->y[lane], centre_world->z[lane]);
-        touch_surface(w, first, centres, lane, p, hit->sum.area);
+    if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
+        cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
+        touch_surface(w, first, &b->centres, lane, p, hit->sum.area);
     }
 }
 
@@ -248,8 +260,7 @@ static float smallest_clearance(const struct cr_img_cluster *c, const cr_lookup 
 }
 
 /* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
-static float look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres, const cr_lanes3 *centre_world,
-                            int lane) {
+static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     cr_lanes3 world;
     cr_lookup at;
@@ -268,7 +279,7 @@ static float look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres,
         return max_f(0.0f, smallest_clearance(c, &at, w->slack_out_m));
     }
     if (partial == 0u) {
-        take_whole(w, cluster, centres, centre_world, lane);
+        take_whole(w, cluster, b, lane);
         return 0.0f;
     }
     cr_hit *hit = add_hit(w, cluster);
@@ -283,11 +294,11 @@ static float look_at_points(walk *w, uint32_t cluster, const cr_lookup *centres,
     cr_sum_cluster(c, coverage, &hit->sum);
     w->stats->contacts += count_bits((uint32_t)hit->inside & ((1u << c->count) - 1u));
     w->stats->clusters++;
-    for (uint32_t i = 0; i < c->count; i++) {
-        if ((covered >> i) & 1u) {
-            float area = v3_norm(v3(c->ax[i], c->ay[i], c->az[i])) * coverage[i];
-            touch_surface(w, first, &at, (int)i, v3(world.x[i], world.y[i], world.z[i]), area);
-        }
+    covered &= (1u << c->count) - 1u;
+    while (covered != 0u) {
+        int i = take_lane(&covered);
+        float area = c->area[i] * coverage[i];
+        touch_surface(w, first, &at, i, v3(world.x[i], world.y[i], world.z[i]), area);
     }
     return 0.0f;
 }
@@ -308,61 +319,113 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
     return mask & ~asleep;
 }
 
-/* What is left to do in one group on the way down. */
-typedef struct {
-    uint32_t group;
-    uint32_t lanes;
-    cr_lanes3 world;
-    cr_lookup centres;
-} level;
-
-/* Look at the spheres of a group: free lanes go to sleep, the others remain. */
-static void enter_group(walk *w, uint32_t group, level *v) {
-    const struct cr_img_group *g = &w->scene->groups[group];
-    v->group = group;
-    v->lanes = find_awake(w, g, group);
-    if (v->lanes == 0u) {
-        return;
+/* One leaf sphere that was looked at: free, whole, or to be looked at point by point. */
+static void visit_cluster(walk *w, const batch *b, int lane) {
+    float phi = b->centres.phi_m[lane], reach = b->radius[lane] + b->margin[lane];
+    uint32_t cluster = b->cluster[lane];
+    float moved = w->motion->slide_m + w->motion->turn_rad * b->rho[lane];
+    float *wake = &w->motion->wake_m[b->slot[lane]];
+    if (w->options->skip & CR_SKIP_TREE) {
+        float clearance = phi - reach - w->slack_out_m;
+        if (clearance > 0.0f) {
+            *wake = moved + clearance * 0.999999f;
+            return;
+        }
+        if (-phi > reach + w->slack_in_m) {
+            w->stats->clusters_inside++;
+            take_whole(w, cluster, b, lane);
+            return;
+        }
     }
     if (w->kernels >= CR_KERNELS_MAX) {
-        w->stats->clusters_dropped += count_bits(v->lanes);
-        v->lanes = 0u;
+        take_coarse(w, cluster, phi, b->radius[lane]);
         return;
     }
     w->kernels++;
-    w->stats->nodes += count_bits(v->lanes);
-    cr_lanes_to_world(w->pose, g->x, g->y, g->z, &v->world);
-    cr_field_look_up(w->field, &v->world, &v->centres);
-    if (!(w->options->skip & CR_SKIP_TREE)) {
-        return;
-    }
-    float clearance[CR_LANES], zero[CR_LANES] = {0.0f};
-    float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
-    for (int i = 0; i < CR_LANES; i++) {
-        clearance[i] = v->centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
-    }
-    uint32_t free = lanes_where_below(zero, clearance) & v->lanes;
-    for (int i = 0; i < CR_LANES; i++) {
-        float until = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance[i] * 0.999999f;
-        wake[i] = ((free >> i) & 1u) ? until : wake[i];
-    }
-    v->lanes &= ~free;
+    *wake = moved + look_at_points(w, cluster, b, lane) * 0.999999f;
 }
 
-static void visit_cluster(walk *w, const struct cr_img_group *g, const level *v, int lane) {
-    float phi = v->centres.phi_m[lane];
-    uint32_t cluster = g->child[lane];
-    if ((w->options->skip & CR_SKIP_TREE) && -phi > g->radius[lane] + g->margin[lane] + w->slack_in_m) {
-        w->stats->clusters_inside++;
-        take_whole(w, cluster, &v->centres, &v->world, lane);
-    } else if (w->kernels >= CR_KERNELS_MAX) {
-        take_coarse(w, cluster, phi, g->radius[lane]);
-    } else {
-        w->kernels++;
-        float clearance = look_at_points(w, cluster, &v->centres, &v->world, lane);
-        float moved = w->motion->slide_m + w->motion->turn_rad * g->rho[lane];
-        w->motion->wake_m[(size_t)v->group * CR_LANES + (size_t)lane] = moved + clearance * 0.999999f;
+static void flush_batch(walk *w, batch *b) {
+    if (b->count == 0u) {
+        return;
     }
+    for (uint32_t i = b->count; i < CR_LANES; i++) {
+        b->x[i] = b->x[0];
+        b->y[i] = b->y[0];
+        b->z[i] = b->z[0];
+    }
+    w->kernels++;
+    w->stats->nodes += b->count;
+    cr_lanes_to_world(w->pose, b->x, b->y, b->z, &b->world);
+    cr_field_look_up(w->field, &b->world, &b->centres);
+    for (uint32_t i = 0; i < b->count; i++) {
+        visit_cluster(w, b, (int)i);
+    }
+    b->count = 0u;
+}
+
+static void add_to_batch(walk *w, batch *b, uint32_t group, uint32_t lanes) {
+    const struct cr_img_group *g = &w->scene->groups[group];
+    while (lanes != 0u) {
+        int lane = take_lane(&lanes);
+        uint32_t at = b->count++;
+        b->cluster[at] = g->child[lane];
+        b->slot[at] = group * CR_LANES + (uint32_t)lane;
+        b->x[at] = g->x[lane];
+        b->y[at] = g->y[lane];
+        b->z[at] = g->z[lane];
+        b->radius[at] = g->radius[lane];
+        b->margin[at] = g->margin[lane];
+        b->rho[at] = g->rho[lane];
+        if (b->count == CR_LANES) {
+            flush_batch(w, b);
+        }
+    }
+}
+
+/* Look at the spheres of an inner group: free lanes go to sleep; returns those to descend into. */
+static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
+    const struct cr_img_group *g = &w->scene->groups[group];
+    if (lanes == 0u || !(w->options->skip & CR_SKIP_TREE)) {
+        return lanes;
+    }
+    cr_lanes3 world;
+    cr_lookup centres;
+    float clearance[CR_LANES], zero[CR_LANES] = {0.0f};
+    float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
+    w->kernels++;
+    w->stats->nodes += count_bits(lanes);
+    cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
+    cr_field_look_up(w->field, &world, &centres);
+    for (int i = 0; i < CR_LANES; i++) {
+        clearance[i] = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
+    }
+    uint32_t free = lanes_where_below(zero, clearance) & lanes, asleep = free;
+    while (asleep != 0u) {
+        int i = take_lane(&asleep);
+        wake[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance[i] * 0.999999f;
+    }
+    return lanes & ~free;
+}
+
+/* What is left to do in one group on the way down. */
+typedef struct {
+    uint32_t group, lanes;
+} level;
+
+static level enter_group(walk *w, batch *b, uint32_t group) {
+    const struct cr_img_group *g = &w->scene->groups[group];
+    level v = {group, find_awake(w, g, group)};
+    if (g->leaf) {
+        add_to_batch(w, b, group, v.lanes);
+        v.lanes = 0u;
+    } else if (w->kernels >= 2u * CR_KERNELS_MAX) {
+        w->stats->clusters_dropped += count_bits(v.lanes);
+        v.lanes = 0u;
+    } else {
+        v.lanes = find_open(w, group, v.lanes);
+    }
+    return v;
 }
 
 static int tool_is_free(walk *w) {
@@ -402,25 +465,19 @@ void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options
         return;
     }
     level stack[CR_TREE_DEPTH_MAX];
+    batch b;
     int depth = 0;
-    enter_group(&w, 0u, &stack[0]);
+    b.count = 0u;
+    stack[0] = enter_group(&w, &b, 0u);
     while (depth >= 0) {
         level *v = &stack[depth];
         if (v->lanes == 0u) {
             depth--;
             continue;
         }
-        const struct cr_img_group *g = &w.scene->groups[v->group];
-        int lane = 0;
-        while (!((v->lanes >> lane) & 1u)) {
-            lane++;
-        }
-        v->lanes &= v->lanes - 1u;
-        if (g->leaf) {
-            visit_cluster(&w, g, v, lane);
-        } else {
-            depth++;
-            enter_group(&w, g->child[lane], &stack[depth]);
-        }
+        int lane = take_lane(&v->lanes);
+        depth++;
+        stack[depth] = enter_group(&w, &b, w.scene->groups[v->group].child[lane]);
     }
+    flush_batch(&w, &b);
 }

@@ -25,14 +25,8 @@ void cr_lanes_to_world(const xform *m, const float *x, const float *y, const flo
     }
 }
 
-/* Where the lanes lie in the grid. */
-typedef struct {
-    float ux[CR_LANES], uy[CR_LANES], uz[CR_LANES]; /* position in its brick, 0..1 */
-    float beyond_m[CR_LANES];                       /* distance outside the grid, 0 inside */
-    int32_t top[CR_LANES];
-} places;
-
-static void find_places(const cr_field *f, const cr_lanes3 *p, places *at) {
+/* Brick of each lane and the lane's place in it; how far it lies outside the grid. */
+static void find_places(const cr_field *f, const cr_lanes3 *p, cr_lookup *at, int32_t *top, float *beyond_m) {
     const struct cr_img_meta *m = f->scene->meta;
     const float ox = m->origin_m[0], oy = m->origin_m[1], oz = m->origin_m[2];
     const float inv = f->inv_brick, brick = m->brick_m;
@@ -43,11 +37,11 @@ static void find_places(const cr_field *f, const cr_lanes3 *p, places *at) {
         float cx = clamp_f(gx, 0.0f, hx), cy = clamp_f(gy, 0.0f, hy), cz = clamp_f(gz, 0.0f, hz);
         float ex = gx - cx, ey = gy - cy, ez = gz - cz;
         int32_t ix = (int32_t)cx, iy = (int32_t)cy, iz = (int32_t)cz;
-        at->beyond_m[i] = sqrtf(ex * ex + ey * ey + ez * ez) * brick;
+        beyond_m[i] = sqrtf(ex * ex + ey * ey + ez * ez) * brick;
         at->ux[i] = cx - (float)ix;
         at->uy[i] = cy - (float)iy;
         at->uz[i] = cz - (float)iz;
-        at->top[i] = (iz * ny + iy) * nx + ix;
+        top[i] = (iz * ny + iy) * nx + ix;
     }
 }
 
@@ -67,15 +61,24 @@ static inline uint32_t load_pair(const int16_t *at) {
 static inline float first_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair & 0xffffu); }
 static inline float second_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair >> 16); }
 
-static void load_corners(const cr_field *f, const places *at, uint32_t *entry, corners *c) {
+/* Bits of lanes with a property that the loads reveal. */
+typedef struct {
+    uint32_t far, creased;
+} lane_sets;
+
+static lane_sets load_corners(const cr_field *f, const int32_t *top, cr_lookup *at, corners *c) {
     const cr_scene *s = f->scene;
-    int32_t base[CR_LANES], side[CR_LANES], index[CR_LANES];
+    int32_t base[CR_LANES], side[CR_LANES], index[CR_LANES], rows[CR_LANES], layers[CR_LANES];
+    lane_sets sets = {0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
-        /* A far lane reads the first samples of the image and is overwritten later. */
-        entry[i] = s->top[at->top[i]];
-        int near = (entry[i] & CR_TOP_FAR) == 0u;
-        base[i] = near ? (int32_t)s->bricks[entry[i]].samples : 0;
-        side[i] = near ? (int32_t)(1u << s->bricks[entry[i]].level) : 1;
+        /* A far lane reads the first brick and is overwritten later: no branch, since far and near lanes mix at random. */
+        uint32_t entry = s->top[top[i]], far = entry >> 31;
+        const struct cr_img_brick *b = &s->bricks[far ? 0u : entry];
+        at->entry[i] = entry;
+        base[i] = (int32_t)b->samples;
+        side[i] = (int32_t)b->side;
+        sets.far |= far << i;
+        sets.creased |= ((uint32_t)b->creased & ~far) << i;
     }
     for (int i = 0; i < CR_LANES; i++) {
         float n = (float)side[i];
@@ -86,16 +89,19 @@ static void load_corners(const cr_field *f, const places *at, uint32_t *entry, c
         c->fy[i] = vy - (float)ky;
         c->fz[i] = vz - (float)kz;
         c->cells[i] = n;
-        index[i] = base[i] + (kz * (side[i] + 1) + ky) * (side[i] + 1) + kx;
+        int32_t row = side[i] + 1;
+        rows[i] = row;
+        layers[i] = row * row;
+        index[i] = base[i] + kz * layers[i] + ky * row + kx;
     }
     for (int i = 0; i < CR_LANES; i++) {
-        int32_t row = side[i] + 1;
-        const int16_t *q = s->samples + index[i];
-        c->pair00[i] = load_pair(q);
-        c->pair10[i] = load_pair(q + row);
-        c->pair01[i] = load_pair(q + row * row);
-        c->pair11[i] = load_pair(q + row * row + row);
+        const int16_t *low = s->samples + index[i], *high = low + layers[i];
+        c->pair00[i] = load_pair(low);
+        c->pair10[i] = load_pair(low + rows[i]);
+        c->pair01[i] = load_pair(high);
+        c->pair11[i] = load_pair(high + rows[i]);
     }
+    return sets;
 }
 
 /* Trilinear value and gradient. A cell is flat where its samples are, so planes come out exact. */
@@ -183,15 +189,19 @@ static float convex_distance(const cr_vec3 *normal, const float *height, uint32_
     return d;
 }
 
-static uint32_t kind_of_lane(const cr_scene *s, const struct cr_img_brick *b, float ux, float uy, float uz) {
+uint32_t cr_field_kind(const cr_field *f, const cr_lookup *at, int lane) {
+    if (at->entry[lane] & CR_TOP_FAR) {
+        return 0u;
+    }
+    const struct cr_img_brick *b = &f->scene->bricks[at->entry[lane]];
     if (b->cells == CR_CELLS_NONE) {
         return b->kind;
     }
     const float side = (float)CR_CELLS_SIDE;
     const float last = side - 1.0f;
-    uint32_t kx = (uint32_t)min_f(ux * side, last), ky = (uint32_t)min_f(uy * side, last);
-    uint32_t kz = (uint32_t)min_f(uz * side, last);
-    return s->cells[b->cells + (kz * CR_CELLS_SIDE + ky) * CR_CELLS_SIDE + kx];
+    uint32_t kx = (uint32_t)min_f(at->ux[lane] * side, last), ky = (uint32_t)min_f(at->uy[lane] * side, last);
+    uint32_t kz = (uint32_t)min_f(at->uz[lane] * side, last);
+    return f->scene->cells[b->cells + (kz * CR_CELLS_SIDE + ky) * CR_CELLS_SIDE + kx];
 }
 
 /* Distances of lanes in crease cells, from the planes that meet there. */
@@ -208,36 +218,43 @@ static void use_planes(const cr_field *f, const struct cr_img_kind *kind, cr_vec
     cr_vec3 grad;
     out->phi_m[lane] = sign * convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
+    out->from_facet |= 1u << lane;
     out->gx[lane] = sign * grad.x;
     out->gy[lane] = sign * grad.y;
     out->gz[lane] = sign * grad.z;
 }
 
-static void far_lane(const cr_field *f, uint32_t entry, float beyond_m, int lane, cr_lookup *out) {
+static void far_lane(const cr_field *f, float beyond_m, int lane, cr_lookup *out) {
+    uint32_t entry = out->entry[lane];
     float bound = (float)(entry & CR_TOP_BOUND) * f->scene->meta->quantum_m + beyond_m;
     out->phi_m[lane] = (entry & CR_TOP_INSIDE) ? -bound : bound;
     out->gx[lane] = out->gy[lane] = out->gz[lane] = 0.0f;
-    out->kind[lane] = 0u;
 }
 
 void cr_field_look_up(const cr_field *f, const cr_lanes3 *p, cr_lookup *out) {
-    const cr_scene *s = f->scene;
-    places at;
+    const struct cr_img_kind *kinds = f->scene->kinds;
+    int32_t top[CR_LANES];
+    float beyond_m[CR_LANES];
     corners c;
-    uint32_t entry[CR_LANES];
-    find_places(f, p, &at);
-    load_corners(f, &at, entry, &c);
+    find_places(f, p, out, top, beyond_m);
+    lane_sets sets = load_corners(f, top, out, &c);
     interpolate(f, &c, out);
+    out->from_facet = 0u;
+    while (sets.far != 0u) {
+        int i = take_lane(&sets.far);
+        far_lane(f, beyond_m[i], i, out);
+    }
+    uint32_t close = 0u;
+    const float crease_m = f->scene->meta->crease_m;
     for (int i = 0; i < CR_LANES; i++) {
-        out->facet[i] = CR_FACET_NONE;
-        if (entry[i] & CR_TOP_FAR) {
-            far_lane(f, entry[i], at.beyond_m[i], i, out);
-            continue;
-        }
-        uint32_t k = kind_of_lane(s, &s->bricks[entry[i]], at.ux[i], at.uy[i], at.uz[i]);
-        out->kind[i] = k;
-        if (s->kinds[k].kind == CR_KIND_CONVEX || s->kinds[k].kind == CR_KIND_CONCAVE) {
-            use_planes(f, &s->kinds[k], v3(p->x[i], p->y[i], p->z[i]), i, out);
+        close |= (uint32_t)(abs_f(out->phi_m[i]) < crease_m) << i;
+    }
+    sets.creased &= close;
+    while (sets.creased != 0u) {
+        int i = take_lane(&sets.creased);
+        const struct cr_img_kind *kind = &kinds[cr_field_kind(f, out, i)];
+        if (kind->kind == CR_KIND_CONVEX || kind->kind == CR_KIND_CONCAVE) {
+            use_planes(f, kind, v3(p->x[i], p->y[i], p->z[i]), i, out);
         }
     }
 }

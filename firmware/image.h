@@ -49,6 +49,7 @@ struct cr_img_meta {
     uint32_t dims[3];  /* bricks along x, y, z */
     float voxel_m;     /* side of a cell: brick_m / 8 */
     float band_m;      /* distances are exact up to this, saturated beyond */
+    float crease_m;  /* planes of crease cells decide up to this distance; beyond, the samples do */
     float quantum_m;   /* distance of one sample step: band_m / 32767 */
     float error_out_m; /* no distance looked up outside the object is further from the true one: margin of skips */
     float error_in_m;  /* the same inside */
@@ -82,13 +83,14 @@ struct cr_img_meta {
 #define CR_TOP_INSIDE 0x40000000u
 #define CR_TOP_BOUND 0x3fffffffu
 
-#define CR_BRICK_LEVEL_MAX 5u /* 32 cells a side */
+#define CR_BRICK_SIDE_MAX 32u
 #define CR_CELLS_SIDE 8u      /* cell tables have 8 x 8 x 8 entries */
 #define CR_CELLS_NONE 0xffffffffu
 
 struct cr_img_brick {
-    uint32_t samples; /* first sample; (2^level + 1)^3 of them, x fastest */
-    uint32_t level;   /* 0..CR_BRICK_LEVEL_MAX */
+    uint32_t samples; /* first sample; (side + 1)^3 of them, x fastest */
+    uint16_t side;    /* cells along an edge: a power of two, 1..CR_BRICK_SIDE_MAX */
+    uint16_t creased; /* 1: holds cells of kind CONVEX or CONCAVE */
     uint32_t cells;   /* first entry of the cell table (512), or CR_CELLS_NONE: kind holds for the whole brick */
     uint32_t kind;    /* index into kinds[] when cells is CR_CELLS_NONE; 0 is "no surface" */
 };
@@ -139,6 +141,7 @@ struct cr_img_cluster {
     float x[CR_LANES], y[CR_LANES], z[CR_LANES];
     float ax[CR_LANES], ay[CR_LANES],
         az[CR_LANES];      /* outward normal times area, m^2; zero on edge samples and vertices */
+    float area[CR_LANES];    /* length of the area vector, m^2 */
     float inv_h[CR_LANES]; /* 1 / spacing of the sample, 1/m: width of its coverage ramp */
     float ramp[CR_LANES];  /* half its spacing: the distance at which it begins to be covered */
     float reach[CR_LANES]; /* how far the sample may stand for the surface between it and its neighbours, m */

@@ -13,6 +13,20 @@ static inline float abs_f(float a) { return a < 0.0f ? -a : a; }
 /* False for infinities and not-a-number, without libm. */
 static inline int is_finite_f(float a) { return a - a == 0.0f; }
 
+/* Lowest set bit of a non-zero mask of lanes, taken out of the mask. */
+static inline int take_lane(uint32_t *lanes) {
+#if defined(__GNUC__)
+    int lane = __builtin_ctz(*lanes);
+#else
+    int lane = 0;
+    while (!((*lanes >> lane) & 1u)) {
+        lane++;
+    }
+#endif
+    *lanes &= *lanes - 1u;
+    return lane;
+}
+
 static inline cr_vec3 v3(float x, float y, float z) {
     cr_vec3 r = {x, y, z};
     return r;

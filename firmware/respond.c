@@ -88,11 +88,12 @@ static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, 
 static cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
 
 /* Facet patch that a lane is on, for zones that need their own lanes. */
-static int lane_is_on(const cr_scene *s, const cr_lookup *at, int lane, uint32_t patch) {
-    if (at->facet[lane] != CR_FACET_NONE) {
+static int lane_is_on(const cr_field *f, const cr_lookup *at, int lane, uint32_t patch) {
+    const cr_scene *s = f->scene;
+    if ((at->from_facet >> lane) & 1u) {
         return s->facets[at->facet[lane]].patch == patch;
     }
-    const struct cr_img_kind *kind = &s->kinds[at->kind[lane]];
+    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(f, at, lane)];
     for (uint32_t k = 0; k < kind->count; k++) {
         if (s->facets[kind->facet[k]].patch == patch) {
             return 1;
@@ -113,7 +114,7 @@ static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, u
     for (int i = 0; i < (int)c->count; i++) {
         cr_vec3 p = lane_of(&world, i);
         int inside = (hit->inside >> i) & 1;
-        if (abs_f(at.phi_m[i]) >= s->meta->band_m || !lane_is_on(s, &at, i, patch)) {
+        if (abs_f(at.phi_m[i]) >= s->meta->band_m || !lane_is_on(in->field, &at, i, patch)) {
             continue;
         }
         if (inside) {

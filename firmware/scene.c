@@ -67,7 +67,7 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
         s->sums == NULL || s->groups == NULL || s->adj_start == NULL || s->adj == NULL) {
         return CR_ERR_SECTION;
     }
-    if (metas != 1u || s->sample_count < 8u || s->kind_count < 1u || s->cluster_count < 1u || s->group_count < 1u ||
+    if (metas != 1u || s->sample_count < 8u || s->kind_count < 1u || s->brick_count < 1u || s->cluster_count < 1u || s->group_count < 1u ||
         sums != s->cluster_count || starts != s->cluster_count + 1u) {
         return CR_ERR_SECTION;
     }
@@ -80,12 +80,12 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
 }
 
 static cr_err check_meta(const struct cr_img_meta *m) {
-    if (!floats_are_finite(m->origin_m, 4) || !floats_are_finite(&m->voxel_m, 12) ||
+    if (!floats_are_finite(m->origin_m, 4) || !floats_are_finite(&m->voxel_m, 13) ||
         !floats_are_finite(m->root_centre_m, 6)) {
         return CR_ERR_VALUE;
     }
     if (!(m->brick_m > 1e-6f) || !(m->brick_m < 1e4f) || !(m->band_m > 0.0f) || !(m->quantum_m > 0.0f) ||
-        !(m->error_out_m >= 0.0f) || !(m->error_in_m >= 0.0f) || !(m->root_radius_m >= 0.0f) ||
+        !(m->error_out_m >= 0.0f) || !(m->error_in_m >= 0.0f) || !(m->crease_m >= 0.0f) || !(m->root_radius_m >= 0.0f) ||
         !(m->tool_radius_m >= 0.0f) || !(m->ramp_max_m >= 0.0f) || m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX) {
         return CR_ERR_VALUE;
     }
@@ -101,10 +101,11 @@ static cr_err check_voxmap(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->brick_count; i++) {
         const struct cr_img_brick *b = &s->bricks[i];
-        if (b->level > CR_BRICK_LEVEL_MAX) {
+        uint32_t cells = b->side;
+        if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u) {
             return CR_ERR_VALUE;
         }
-        uint32_t side = (1u << b->level) + 1u;
+        uint32_t side = cells + 1u;
         uint32_t need = side * side * side;
         if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count) {
             return CR_ERR_INDEX;
@@ -191,7 +192,7 @@ static cr_err check_shell(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->cluster_count; i++) {
         const struct cr_img_cluster *c = &s->clusters[i];
-        if (!floats_are_finite(c->x, 9u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
+        if (!floats_are_finite(c->x, 10u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
             !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
             return CR_ERR_VALUE;
         }

@@ -10,12 +10,14 @@
 #include "image.h"
 #include "math3.h"
 
-/* Distance and its gradient at 16 world points. Saturated at the band: |phi_m| is then a lower bound. */
+/* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
 typedef struct {
     float phi_m[CR_LANES];
     float gx[CR_LANES], gy[CR_LANES], gz[CR_LANES]; /* gradient, world frame; 0 in far bricks */
-    uint32_t kind[CR_LANES];                        /* index into scene->kinds; 0 when no surface is near */
-    uint32_t facet[CR_LANES];                       /* facet that gave phi, or CR_FACET_NONE */
+    float ux[CR_LANES], uy[CR_LANES], uz[CR_LANES]; /* position in the brick, 0..1 */
+    uint32_t entry[CR_LANES];                       /* top entry of the brick */
+    uint32_t facet[CR_LANES];                       /* facet that gave phi, where bit is set in from_facet */
+    uint32_t from_facet;                            /* lanes whose phi is from the planes of their cell */
 } cr_lookup;
 #define CR_FACET_NONE 0xffffffffu
 
@@ -40,6 +42,9 @@ void cr_field_init(cr_field *field, const cr_scene *scene);
  * Shapes   world_m: CR_LANES points, finite.   Output  every lane written.
  * Cost     16 lanes about 50 ns (README.md "Numbers").   Source  DESIGN.md "Distance". */
 void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup *out);
+
+/* Purpose  what a lane sees of the static surface: index into scene->kinds, 0 when no surface is near. */
+uint32_t cr_field_kind(const cr_field *field, const cr_lookup *at, int lane);
 
 /* Purpose  points of a cluster or sphere centres of a group, tool frame to world frame. */
 void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float *y, const float *z,

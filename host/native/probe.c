@@ -22,8 +22,8 @@ void crp_look_up(const cr_scene *scene, const float *points_m, int64_t n, float 
             gradient[3 * (first + i)] = at.gx[i];
             gradient[3 * (first + i) + 1] = at.gy[i];
             gradient[3 * (first + i) + 2] = at.gz[i];
-            kind[first + i] = at.kind[i];
-            facet[first + i] = at.facet[i];
+            kind[first + i] = cr_field_kind(&field, &at, (int)i);
+            facet[first + i] = (at.from_facet >> i) & 1u ? at.facet[i] : CR_FACET_NONE;
         }
     }
 }

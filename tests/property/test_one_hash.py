@@ -66,7 +66,7 @@ def inputs(folder: Path) -> tuple[Path, Path]:
 
 
 def run(program: Path, inputs: tuple[Path, Path], response: int, coverage: int, skip: int) -> str:
-    command = [program, *inputs, str(response), str(coverage), str(skip)]
+    command = [str(part) for part in (program, *inputs, response, coverage, skip)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 

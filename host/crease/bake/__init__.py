@@ -111,6 +111,7 @@ def _meta(
         "dims": grid.dims,
         "voxel_m": grid.voxel_m,
         "band_m": voxmap.band_m,
+        "crease_m": voxmap.crease_m,
         "quantum_m": voxmap.quantum_m,
         "crease_angle_rad": math.radians(options.crease_angle_deg),
         "spacing_m": shell.spacing_m,

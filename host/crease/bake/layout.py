@@ -55,7 +55,7 @@ ALIGN = int(lib.CR_IMG_ALIGN)
 CELLS_SIDE = int(lib.CR_CELLS_SIDE)
 CELLS_NONE = int(lib.CR_CELLS_NONE)
 KIND_FACETS_MAX = int(lib.CR_KIND_FACETS_MAX)
-LEVEL_MAX = int(lib.CR_BRICK_LEVEL_MAX)
+LEVEL_MAX = int(lib.CR_BRICK_SIDE_MAX).bit_length() - 1
 
 MAGIC = b"CREASE\r\n"
 

@@ -315,6 +315,7 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
         for k, axis in enumerate("xyz"):
             row[axis] = samples.position_m[lanes, k]
             row["a" + axis] = samples.area_m2[lanes, k] * real
+        row["area"] = np.linalg.norm(samples.area_m2[lanes], axis=1) * real
         row["inv_h"] = samples.inv_h_per_m[lanes]
         row["ramp"] = _up(0.5 / samples.inv_h_per_m[lanes])
         row["reach"] = samples.reach_m[lanes] * real

@@ -71,6 +71,7 @@ class Voxmap:
     facets: npt.NDArray[Any]
     quantum_m: float
     band_m: float
+    crease_m: float
     levels: dict[int, int]
     kind_counts: dict[str, int]
 
@@ -504,7 +505,7 @@ def make_voxmap(
     quantum = float(np.float32(band / 32767))
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
-    bricks, samples, tables = _pack_bricks(phi, finer, level, cells, quantum)
+    bricks, samples, tables = _pack_bricks(phi, finer, level, cells, kinds, quantum)
     names = {
         int(getattr(lib, f"CR_KIND_{n}")): n.lower()
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
@@ -520,18 +521,25 @@ def make_voxmap(
         facets,
         quantum,
         band,
+        near_m + 0.5 * grid.voxel_m,
         {int(k): int((level == k).sum()) for k in np.unique(level)},
         {name: int(used[key]) for key, name in names.items()},
     )
 
 
 def _pack_bricks(
-    phi: F64, finer: dict[int, F64], level: I32, cells: I32, quantum_m: float
+    phi: F64,
+    finer: dict[int, F64],
+    level: I32,
+    cells: I32,
+    kinds: npt.NDArray[Any],
+    quantum_m: float,
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
     if int(cells.max(initial=0)) > 0xFFFF:
         raise MeshError(
             f"{int(cells.max()):,} different crease cells, at most 65,535 fit: use a larger --voxel"
         )
+    creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
     parts: list[npt.NDArray[np.int16]] = []
     tables: list[npt.NDArray[np.uint16]] = []
@@ -541,9 +549,10 @@ def _pack_bricks(
         values = finer[i] if i in finer else phi[i, ::step, ::step, ::step]
         data = np.clip(np.rint(values / quantum_m), -32767, 32767).astype(np.int16).reshape(-1)
         uniform = bool((cells[i] == cells[i, 0, 0, 0]).all())
-        bricks[i]["samples"], bricks[i]["level"] = at, level[i]
+        bricks[i]["samples"], bricks[i]["side"] = at, 2 ** int(level[i])
         bricks[i]["cells"] = CELLS_NONE if uniform else len(tables) * CELLS_SIDE**3
         bricks[i]["kind"] = cells[i, 0, 0, 0] if uniform else 0
+        bricks[i]["creased"] = bool(creased[cells[i]].any())
         if not uniform:
             tables.append(cells[i].reshape(-1).astype(np.uint16))
         parts.append(data)
