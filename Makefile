@@ -13,16 +13,17 @@ VENV := .venv
 PY := $(VENV)/bin/python
 CREASE := $(VENV)/bin/crease
 
-APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev \
+APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev pkg-config \
        clang clang-format clang-tidy cppcheck gcovr valgrind
 
 FIRMWARE_C := $(wildcard firmware/*.c)
 NATIVE_C := $(wildcard host/native/*.c)
+SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
 C_HEADERS := $(wildcard firmware/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
-C_ALL := $(FIRMWARE_C) $(NATIVE_C) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
+C_ALL := $(FIRMWARE_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -63,6 +64,7 @@ build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
 build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(NATIVE_C) $(wildcard firmware/*.h host/native/*.h) \
+             $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
 	@exec 9>build/.lock; flock 9; \
@@ -112,7 +114,7 @@ CC_cov := gcc
 CFLAGS_cov := -O0 -g --coverage
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
 C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
-INCLUDES := -Ifirmware -Ihost/native -Itests/unit -Itests/property
+INCLUDES := -Ifirmware -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
 
 define VARIANT
 build/$(1)/%.o: %.c
@@ -124,16 +126,20 @@ build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
-build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a
-	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
+build/$(1)/libsim.a: $(SIM_C:%.c=build/$(1)/%.o)
+	@rm -f $$@
+	@ar rcs $$@ $$^
 
-build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a
-	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
+build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
+
+build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 endef
 $(foreach variant,gcc clang san cov,$(eval $(call VARIANT,$(variant))))
--include $(wildcard build/*/*/*.d build/*/*/*/*.d)
+-include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 check: build/.host c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests

@@ -248,9 +248,7 @@ static void receive_sdo(cr_bus *bus, uint32_t axis, const cr_frame *frame, cr_se
     }
 }
 
-void cr_bus_receive(const cr_bus_config *config, cr_bus *bus, const cr_frame *frame, uint64_t now_ns,
-                    cr_servo_counters *counters) {
-    (void)config;
+void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_servo_counters *counters) {
     uint32_t id = frame->id, axis = (id & 0x7fu) - NODE_FIRST;
     if (is_ours(id)) {
         counters->alien++;
@@ -384,6 +382,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
         if (now_ns - bus->start_ns >= config->listen_ms * MS_NS) {
             bus->phase = CR_PHASE_RESET;
             bus->reset_due = 1u;
+            bus->beat_ns = now_ns - config->heartbeat_ms * MS_NS; /* the first one at once */
         }
         break;
     case CR_PHASE_RESET:
@@ -411,8 +410,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
 
 /* ------------------------------------------------------------------------------------------------------ sending */
 
-void cr_bus_sync(cr_bus *bus, uint64_t now_ns, cr_tx *tx) {
-    (void)now_ns;
+void cr_bus_sync(cr_bus *bus, cr_tx *tx) {
     for (uint32_t a = 0; a < CR_AXES; a++) {
         bus->drive[a].state_count = 0u;
     }

@@ -71,16 +71,29 @@ static float sum_lanes(float *v) {
     return v[0];
 }
 
-/* Part of each lane's area that is inside. Soft: a ramp one spacing wide. Hard: in or out. */
-static void find_coverage(const struct cr_img_cluster *c, const cr_lookup *at, uint32_t coverage, float *w) {
-    if (coverage == CR_COVERAGE_HARD) {
+/* Least share of the full width over which a sample fades in: a face that comes down flat would otherwise switch on at once. */
+#define WIDTH_MIN 0.25f
+
+/* Part of each lane's area that is inside. Hard: in or out. Soft: the part of the sample's own piece of surface that the plane
+ * of the static surface cuts off. Across the piece the distance varies by a width b = sqrt(g^T W g), W twelve times the second
+ * moment of the piece; it is inside to the share 1/2 - phi / b. */
+static void find_coverage(const walk *w, const struct cr_img_cluster *c, const cr_lookup *at, float *coverage) {
+    if (w->options->coverage == CR_COVERAGE_HARD) {
         for (int i = 0; i < CR_LANES; i++) {
-            w[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
+            coverage[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
         }
         return;
     }
+    const xform m = *w->pose;
     for (int i = 0; i < CR_LANES; i++) {
-        w[i] = clamp_f(0.5f - at->phi_m[i] * c->inv_h[i], 0.0f, 1.0f);
+        float gx = m.r0.x * at->gx[i] + m.r1.x * at->gy[i] + m.r2.x * at->gz[i];
+        float gy = m.r0.y * at->gx[i] + m.r1.y * at->gy[i] + m.r2.y * at->gz[i];
+        float gz = m.r0.z * at->gx[i] + m.r1.z * at->gy[i] + m.r2.z * at->gz[i];
+        float cross = c->wxy[i] * gx * gy + c->wyz[i] * gy * gz + c->wzx[i] * gz * gx;
+        float width2 = c->wxx[i] * gx * gx + c->wyy[i] * gy * gy + c->wzz[i] * gz * gz + 2.0f * cross;
+        float most = 2.0f * c->ramp[i], least = WIDTH_MIN * most;
+        float width = sqrtf(clamp_f(width2, least * least, most * most));
+        coverage[i] = clamp_f(0.5f - at->phi_m[i] / width, 0.0f, 1.0f);
     }
 }
 
@@ -268,7 +281,7 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
     cr_field_look_up(w->field, &world, &at);
     w->stats->points += c->count;
-    find_coverage(c, &at, w->options->coverage, coverage);
+    find_coverage(w, c, &at, coverage);
     for (int i = 0; i < CR_LANES; i++) {
         negative[i] = -at.phi_m[i];
         one[i] = 1.0f;

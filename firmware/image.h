@@ -142,8 +142,10 @@ struct cr_img_cluster {
     float ax[CR_LANES], ay[CR_LANES],
         az[CR_LANES];      /* outward normal times area, m^2; zero on edge samples and vertices */
     float area[CR_LANES];    /* length of the area vector, m^2 */
-    float inv_h[CR_LANES]; /* 1 / spacing of the sample, 1/m: width of its coverage ramp */
-    float ramp[CR_LANES];  /* half its spacing: the distance at which it begins to be covered */
+    /* Second moment of the sample's piece of surface times 12: g^T w g is the squared width over which a distance with gradient
+     * g varies across the piece. m^2. */
+    float wxx[CR_LANES], wyy[CR_LANES], wzz[CR_LANES], wxy[CR_LANES], wyz[CR_LANES], wzx[CR_LANES];
+    float ramp[CR_LANES];  /* half the largest such width for a unit gradient: where coverage can begin, m */
     float reach[CR_LANES]; /* how far the sample may stand for the surface between it and its neighbours, m */
     uint32_t count;        /* lanes in use */
     uint32_t vertex_mask;  /* lanes that are mesh vertices */

@@ -27,10 +27,13 @@ static float dot_zone(const cr_area_work *a, uint32_t i, cr_vec3 v) { return v3_
  * pull to zero picks the solution; it grows as fewer samples see a zone, so that zones come and go continuously. Projected
  * Gauss-Seidel. */
 static void weigh_by_cone(const cr_scene *scene, const cr_area_work *a, cr_vec3 s, float *alpha) {
-    float pull[CR_ZONES_MAX], h = scene->meta->spacing_m;
+    float pull[CR_ZONES_MAX], seen = 0.0f, h = scene->meta->spacing_m;
     cr_vec3 left = s;
     for (uint32_t i = 0; i < a->zone_count; i++) {
-        float rarity = h * h / a->zones[i].area_m2;
+        seen += a->zones[i].area_m2;
+    }
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        float rarity = min_f(h * h, seen) / a->zones[i].area_m2;
         pull[i] = PULL_ALWAYS + PULL_UNSEEN * rarity * rarity;
         alpha[i] = 0.0f;
     }
@@ -69,19 +72,19 @@ static const struct {
     [CR_RESPONSE_FIXED45] = {weigh_equally, 0u},
 };
 
-/* Where the surface of a sample just outside crosses the static surface, moving along the tool surface towards it. Returns 0
- * when that is further than the sample's reach. */
-static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
-                           cr_vec3 *p_world) {
-    cr_vec3 g = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
-    cr_vec3 n = v3_unit(xform_rotate(pose, v3(c->ax[lane], c->ay[lane], c->az[lane])), 0.0f);
-    cr_vec3 along = v3_mad(g, n, -v3_dot(g, n));
-    float slope2 = v3_dot(along, along);
-    float phi = at->phi_m[lane], reach = c->reach[lane];
-    if (!(phi * phi < reach * reach * slope2)) {
+/* Where the piece of surface of a sample just outside crosses the static surface: the way down is along W g, W the second moment
+ * of the piece (a face sample moves in its face, a crease sample along its crease, a corner not at all). Returns 0 when that is
+ * further than the sample's reach. */
+static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane, cr_vec3 *p_world) {
+    cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
+    cr_vec3 way = v3(c->wxx[lane] * g.x + c->wxy[lane] * g.y + c->wzx[lane] * g.z,
+                     c->wxy[lane] * g.x + c->wyy[lane] * g.y + c->wyz[lane] * g.z,
+                     c->wzx[lane] * g.x + c->wyz[lane] * g.y + c->wzz[lane] * g.z);
+    float fall = v3_dot(way, g), phi = at->phi_m[lane], reach = c->reach[lane];
+    if (!(phi * phi * v3_dot(way, way) < reach * reach * fall * fall)) {
         return 0;
     }
-    *p_world = v3_mad(*p_world, along, -phi / slope2);
+    *p_world = v3_mad(*p_world, xform_rotate(pose, way), -phi / fall);
     return 1;
 }
 
@@ -368,7 +371,8 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     out->normal_world = v3_scale(sum, 1.0f / length);
     out->offset_m = offset / length;
     float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
-    out->depth_m = (out->offset_m - lowest) * min_f(1.0f, length / (OPEN_MIN * a->sum.area));
+    float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
+    out->depth_m = (out->offset_m - lowest) * min_f(1.0f, open);
     if (!(out->depth_m > 0.0f)) {
         return 0;
     }

@@ -119,7 +119,7 @@ typedef struct {
 } cr_kinematics;
 
 /* Purpose  joint values to pose, Jacobian, limits and margin.
- * Output   finite for any input; position within 0.5 um + 2e-7 |joint| of exact, attitude within 5e-7 rad (test_pose).
+ * Output   finite for any input; position within 0.5 um of exact for joints in range, rotation within 7e-7 (test_pose).
  * Cost     about 60 ns. */
 void cr_kinematics_solve(const cr_arm_config *arm, const cr_joints *joints, cr_kinematics *out);
 
@@ -255,6 +255,7 @@ typedef struct {
     float depth_m, margin;
     uint32_t area_count, zone_count;
     cr_servo_counters counters;
+    uint32_t spare[8]; /* 0 */
     /* of the port, not of the servo: not compared by a re-run */
     uint32_t wake_late_ns; /* start of the period after its time */
     uint32_t tick_ns;      /* cost of the tick before */

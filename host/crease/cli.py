@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 from crease import __version__
 from crease.errors import CreaseError
-from crease.verbs import bake, info, plot, replay
+from crease.verbs import bake, bus, info, plot, replay, sim
 
-VERBS = (bake, info, replay, plot)
+VERBS = (bake, info, replay, plot, sim, bus)
 """In the order of the work: what `crease --help` lists."""
 
 

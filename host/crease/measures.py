@@ -13,7 +13,8 @@ import numpy.typing as npt
 F64 = npt.NDArray[np.float64]
 
 DEEP_M = 0.2e-3
-"""Directions are compared where the exact contact is deeper than this."""
+"""Directions are compared where the exact contact is deeper than this and its force larger than k times this: two opposite
+areas may cancel."""
 FREE_FALL_N = 1e-9
 
 
@@ -80,7 +81,7 @@ def compare(
 ) -> Accuracy:
     """Every measure of one replay. Shapes: (n, 3) forces, (n,) depths, (n - 1,) moved_m."""
     contact = (exact_depth_m > 0) | (depth_m > 0)
-    deep = exact_depth_m > DEEP_M
+    deep = (exact_depth_m > DEEP_M) & (np.linalg.norm(exact_force_N, axis=1) > stiffness_N_m * DEEP_M)
     force_mm = np.linalg.norm(force_N - exact_force_N, axis=1) / stiffness_N_m * 1e3
     depth_mm = np.abs(depth_m - exact_depth_m) * 1e3
     turn = angle_deg(force_N, exact_force_N)[deep]

@@ -1,4 +1,4 @@
-"""Writes the C source of crease._native: the cffi declarations are read from the C headers themselves.
+"""Writes the C source of a cffi extension: the declarations are read from the C headers themselves.
 
 The preprocessor expands the headers; what comes from the named headers (and the headers beside them) is handed to
 cffi, what comes from the system is left out. Integer macros become constants whose value the C compiler fills in.
@@ -48,6 +48,7 @@ def main() -> None:
     parser.add_argument("--cc", required=True)
     parser.add_argument("--include", type=Path, action="append", default=[])
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--module", default="crease._native")
     parser.add_argument("headers", type=Path, nargs="+")
     args = parser.parse_args()
     includes = [path.resolve() for path in args.include]
@@ -56,7 +57,7 @@ def main() -> None:
     ffi.cdef(
         declarations(preprocess(args.cc, includes, headers), {path.parent for path in headers})
     )
-    ffi.set_source("crease._native", "".join(f'#include "{header.name}"\n' for header in headers))
+    ffi.set_source(args.module, "".join(f'#include "{header.name}"\n' for header in headers))
     ffi.emit_c_code(str(args.out))
 
 

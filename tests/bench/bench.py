@@ -24,7 +24,7 @@ from crease.trajectory import Trajectory, load_trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
 MESHES = ROOT / "build" / "meshes"
-SCENES = ROOT / "build" / "scenes"
+SCENES = Path(__import__("os").environ.get("CREASE_SCENES", str(ROOT / "build" / "scenes")))
 EXACT = ROOT / "tests" / "golden" / "exact"
 F64 = npt.NDArray[np.float64]
 

@@ -26,6 +26,10 @@ CLUSTER_NORMAL_WEIGHT = 0.8
 """The same for clusters: less, so that crease samples join the faces beside them and spheres stay small."""
 FEATURE_AREA = 1e-3
 """Area of a vertex or crease sample as a share of spacing^2: gives a lone spike a direction, shifts no sum."""
+FINE_SPREAD = 0.0962
+"""Second moment of an equilateral triangle about its centroid, per axis, as a share of its area: sqrt(3) / 18."""
+SMALL_PATCH = 8
+"""Patches with fewer samples share clusters."""
 REACH = 1.1
 """How far, in spacings, a sample may stand for the surface next to it."""
 SHARED_SHEET = -0.3
@@ -34,15 +38,17 @@ SHARED_SHEET = -0.3
 
 @dataclass(frozen=True)
 class Samples:
-    """Shapes: position_m, area_m2 (vectors, outward), normal (n, 3); inv_h_per_m, reach_m (n,); vertex (n,)."""
+    """Shapes: position_m, area_m2 (vectors, outward), normal (n, 3); spread_m2 (n, 3, 3); the others (n,)."""
 
     position_m: F64
     area_m2: F64
     normal: F64
-    inv_h_per_m: F64
+    spread_m2: F64
+    ramp_m: F64
     reach_m: F64
-    vertex: npt.NDArray[np.bool_]
     feature: npt.NDArray[np.bool_]
+    vertex: npt.NDArray[np.bool_]
+    patch: I64
 
 
 @dataclass(frozen=True)
@@ -70,18 +76,19 @@ def _unit(v: F64) -> F64:
     return np.divide(v, length, out=np.zeros_like(v), where=length > 0)
 
 
-def fine_points(surface: Surface, area_m2: float) -> tuple[F64, F64]:
-    """Every triangle cut into k^2 equal parts of at most area_m2: centroids and area vectors, (n, 3) each."""
+def fine_points(surface: Surface, area_m2: float) -> tuple[F64, F64, I64]:
+    """Every triangle cut into k^2 equal parts of at most area_m2: centroids, area vectors (n, 3), triangles (n,)."""
     corners = surface.mesh.vertices_m[surface.mesh.triangles]
     normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     parts = np.ceil(np.sqrt(np.linalg.norm(normal, axis=1) / area_m2)).astype(np.int64)
-    points, areas = [], []
+    points, areas, owner = [], [], []
     for k in np.unique(parts[parts > 0]):
         chosen = corners[parts == k]
         weights = _part_weights(int(k))
         points.append(np.einsum("wc,tcx->twx", weights, chosen).reshape(-1, 3))
         areas.append(np.repeat(normal[parts == k] / k**2, k**2, axis=0))
-    return np.concatenate(points), np.concatenate(areas)
+        owner.append(np.repeat(np.flatnonzero(parts == k), k**2))
+    return np.concatenate(points), np.concatenate(areas), np.concatenate(owner)
 
 
 def _part_weights(k: int) -> F64:
@@ -96,29 +103,67 @@ def _part_weights(k: int) -> F64:
     return np.column_stack([1 - uv.sum(axis=1), uv])
 
 
-def relax(points: F64, areas: F64, spacing_m: float) -> tuple[F64, F64, float]:
-    """Samples from fine points: positions on the surface, area vectors that add up to the whole, farthest radius.
+@dataclass(frozen=True)
+class Cells:
+    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); patch (n,)."""
+
+    position_m: F64
+    area_m2: F64
+    spread_m2: F64
+    patch: I64
+
+
+def relax(points: F64, areas: F64, patch: int, spacing_m: float) -> Cells:
+    """Fine points of one patch gathered into cells: positions on the surface, area vectors that add up to the whole, and the
+    second moment of each cell about its middle.
 
     A centroidal Voronoi tessellation in the space of position and weighted normal.
     """
     scale = NORMAL_WEIGHT * spacing_m
-    normal = _unit(areas)
-    lifted = np.hstack([points, scale * normal])
+    lifted = np.hstack([points, scale * _unit(areas)])
     weight = np.linalg.norm(areas, axis=1)
-    cells = np.floor(lifted / np.array([spacing_m] * 3 + [0.9 * scale] * 3) + 0.5).astype(np.int64)
-    _, label = np.unique(cells, axis=0, return_inverse=True)
+    box = np.floor(lifted / np.array([spacing_m] * 3 + [0.9 * scale] * 3) + 0.5).astype(np.int64)
+    _, label = np.unique(box, axis=0, return_inverse=True)
     label = label.reshape(-1)
     for _ in range(LLOYD_STEPS):
         sites = _means(lifted, weight, label)
         _, label = cKDTree(sites).query(lifted, workers=2)
         _, label = np.unique(label, return_inverse=True)
     count = int(label.max()) + 1
-    position = _means(points, weight, label)
+    middle = _means(points, weight, label)
     area = np.column_stack([np.bincount(label, areas[:, k], count) for k in range(3)])
     direction = _unit(area)
-    near = cKDTree(points).query(position)[1]
-    lift = np.einsum("nx,nx->n", points[near] - position, direction)
-    return position + lift[:, None] * direction, area, float(weight.sum())
+    near = cKDTree(points).query(middle)[1]
+    lift = np.einsum("nx,nx->n", points[near] - middle, direction)
+    spread = _second_moment(points, areas, middle, label)
+    return Cells(middle + lift[:, None] * direction, area, spread, np.full(count, patch))
+
+
+def _second_moment(points: F64, areas: F64, middle: F64, label: I64) -> F64:
+    """Mean of d d^T over each cell, d from its middle, the size of the fine pieces included. Shape (cells, 3, 3)."""
+    weight = np.linalg.norm(areas, axis=1)
+    d = points - middle[label]
+    normal = _unit(areas)
+    own = FINE_SPREAD * weight[:, None, None] * (np.eye(3) - normal[:, :, None] * normal[:, None, :])
+    moment = (d[:, :, None] * d[:, None, :] + own).reshape(-1, 9)
+    return _means(moment, weight, label).reshape(-1, 3, 3)
+
+
+def make_cells(surface: Surface, spacing_m: float) -> Cells:
+    """Cells of the whole surface, none across a crease."""
+    points, areas, owner = fine_points(surface, spacing_m**2 / DENSE_PER_SAMPLE)
+    patch = surface.patch_of[owner]
+    order = np.argsort(patch, kind="stable")
+    bounds = np.flatnonzero(np.diff(patch[order])) + 1
+    parts = [
+        relax(points[rows], areas[rows], int(patch[rows[0]]), spacing_m) for rows in np.split(order, bounds)
+    ]
+    return Cells(
+        np.concatenate([c.position_m for c in parts]),
+        np.concatenate([c.area_m2 for c in parts]),
+        np.concatenate([c.spread_m2 for c in parts]),
+        np.concatenate([c.patch for c in parts]),
+    )
 
 
 def _means(values: F64, weight: F64, label: I64) -> F64:
@@ -165,8 +210,21 @@ def vertex_normals(surface: Surface) -> tuple[F64, F64]:
     return normal, turn
 
 
-def feature_points(surface: Surface, spacing_m: float) -> tuple[F64, F64, npt.NDArray[np.bool_]]:
-    """Vertices and convex-crease samples: positions, unit normals, and which are vertices.
+@dataclass(frozen=True)
+class Features:
+    """Vertices and convex-crease samples. Shapes: position_m, normal, along (unit tangent of the crease, 0 at tips) (n, 3);
+    room_m: how far the crease goes on straight; vertex: whether it is a vertex of the mesh (n,).
+    """
+
+    position_m: F64
+    normal: F64
+    along: F64
+    room_m: F64
+    vertex: npt.NDArray[np.bool_]
+
+
+def feature_points(surface: Surface, spacing_m: float) -> Features:
+    """What sticks out of a tool besides its faces.
 
     Corners come first, then other vertices that stick out (a fine, nearly flat tessellation adds none), then creases.
     """
@@ -187,9 +245,36 @@ def feature_points(surface: Surface, spacing_m: float) -> tuple[F64, F64, npt.ND
     vertices = np.concatenate([first, rest])
     line, line_normal = _crease_points(surface, spacing_m)
     kept = thin(line, 0.5 * spacing_m, v[vertices]) if len(line) else np.zeros(0, np.int64)
-    positions = np.concatenate([v[vertices], line[kept]])
-    normals = np.concatenate([normal[vertices], line_normal[kept]])
-    return positions, normals, np.arange(len(positions)) < len(vertices)
+    position = np.concatenate([v[vertices], line[kept]])
+    along, room = _along_crease(ends[convex], tip, position)
+    return Features(
+        position,
+        np.concatenate([normal[vertices], line_normal[kept]]),
+        along,
+        room,
+        np.arange(len(position)) < len(vertices),
+    )
+
+
+def _along_crease(ends: F64, tips: F64, points: F64) -> tuple[F64, F64]:
+    """Tangent of the crease that each point lies on and the distance to its nearest tip; zeros at tips and off creases."""
+    along, room = np.zeros_like(points), np.zeros(len(points))
+    if len(ends) == 0 or len(points) == 0:
+        return along, room
+    direction = _unit(ends[:, 1] - ends[:, 0])
+    line = 0.5 * (ends[:, 0] + ends[:, 1])
+    half = 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    count = min(32, len(line))
+    near = cKDTree(line).query(points, k=count)[1].reshape(len(points), count)
+    offset = points[:, None] - line[near]
+    shift = np.clip(np.einsum("nkx,nkx->nk", offset, direction[near]), -half[near], half[near])
+    gap = np.linalg.norm(offset - shift[:, :, None] * direction[near], axis=2)
+    best = gap.argmin(axis=1)
+    rows = np.arange(len(points))
+    room = cKDTree(tips).query(points)[0] if len(tips) else np.full(len(points), np.inf)
+    on = (gap[rows, best] < 1e-6) & (room > 1e-6)
+    along[on] = direction[near[rows, best]][on]
+    return along, np.where(on, room, 0.0)
 
 
 def _keys(points: F64) -> npt.NDArray[Any]:
@@ -238,55 +323,75 @@ def _outward(surface: Surface, points: F64, step_m: float) -> F64:
     return grad
 
 
-def make_samples(surface: Surface, spacing_m: float) -> tuple[Samples, float]:
-    """The shell before grouping, and the tool's area."""
-    fine, fine_area = fine_points(surface, spacing_m**2 / DENSE_PER_SAMPLE)
-    position, area, total = relax(fine, fine_area, spacing_m)
-    spot, spot_normal, spot_vertex = feature_points(surface, spacing_m)
-    spot_area = FEATURE_AREA * spacing_m**2 * spot_normal
-    if len(position):
-        # The closed surface's area vectors add up to zero; the features' little areas must not spoil that.
-        area = area - (area.sum(axis=0) + spot_area.sum(axis=0)) / len(position)
+def make_samples(surface: Surface, spacing_m: float) -> Samples:
+    """The shell before grouping."""
+    cells = make_cells(surface, spacing_m)
+    position, count = cells.position_m, len(cells.position_m)
+    spots = feature_points(surface, spacing_m)
+    spot_area = FEATURE_AREA * spacing_m**2 * spots.normal
+    some = len(spots.position_m) > 0
+    spot_patch = cells.patch[cKDTree(position).query(spots.position_m)[1]] if some else np.zeros(0, np.int64)
+    # The closed surface's area vectors add up to zero; the features' little areas must not spoil that.
+    area = cells.area_m2 - (cells.area_m2.sum(axis=0) + spot_area.sum(axis=0)) / count
+    spread = np.concatenate(
+        [cells.spread_m2, spacing_m**2 / 12 * spots.along[:, :, None] * spots.along[:, None, :]]
+    )
+    # A uniform strip of width b has the second moment b^2 / 12.
+    widest = np.sqrt(np.maximum(0.0, 12 * np.linalg.eigvalsh(spread)[:, -1]))
+    spot_reach = np.minimum(REACH * spacing_m, spots.room_m)
+    return Samples(
+        np.concatenate([position, spots.position_m]),
+        np.concatenate([area, spot_area]),
+        np.concatenate([_unit(area), spots.normal]),
+        spread,
+        0.5 * np.maximum(widest, 0.1 * spacing_m),
+        np.concatenate([_reach(surface, position, spacing_m), spot_reach]),
+        np.arange(count + len(spot_area)) >= count,
+        np.concatenate([np.zeros(count, bool), spots.vertex]),
+        np.concatenate([cells.patch, spot_patch]),
+    )
+
+
+def _reach(surface: Surface, position: F64, spacing_m: float) -> F64:
+    """How far each sample may stand for the surface round it: not over a crease."""
     reach = np.full(len(position), REACH * spacing_m)
     edge = surface.creases.ends_m
-    if len(edge):
-        long = np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1).max()
-        step = np.linspace(0.0, 1.0, 1 + int(np.clip(np.ceil(4 * long / spacing_m), 1, 2000)))
-        line = edge[:, :1] + step[None, :, None] * (edge[:, 1:] - edge[:, :1])
-        reach = np.minimum(reach, cKDTree(line.reshape(-1, 3)).query(position)[0])
-    h = np.sqrt(np.linalg.norm(area, axis=1))
-    samples = Samples(
-        np.concatenate([position, spot]),
-        np.concatenate([area, spot_area]),
-        np.concatenate([_unit(area), spot_normal]),
-        np.concatenate([1 / np.maximum(h, 0.1 * spacing_m), np.full(len(spot), 1 / spacing_m)]),
-        np.concatenate([reach, np.zeros(len(spot))]),
-        np.concatenate([np.zeros(len(position), bool), spot_vertex]),
-        np.arange(len(position) + len(spot)) >= len(position),
-    )
-    return samples, total
+    if len(edge) == 0:
+        return reach
+    longest = np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1).max()
+    step = np.linspace(0.0, 1.0, 1 + int(np.clip(np.ceil(4 * longest / spacing_m), 1, 2000)))
+    line = edge[:, :1] + step[None, :, None] * (edge[:, 1:] - edge[:, :1])
+    return np.minimum(reach, cKDTree(line.reshape(-1, 3)).query(position)[0])
+
+
+def halve(points: F64, ids: I64, most: int) -> list[I64]:
+    """ids in groups of at most `most`, by halving the box of their points; all but the last few groups are full."""
+    groups: list[I64] = []
+    stack = [ids]
+    while stack:
+        part = stack.pop()
+        if len(part) <= most:
+            groups.append(part)
+            continue
+        full = -(-len(part) // most)
+        left = min(len(part) - 1, most * ((full + 1) // 2))
+        axis = int(np.argmax(np.ptp(points[part], axis=0)))
+        part = part[np.argsort(points[part, axis], kind="stable")]
+        stack.append(part[left:])
+        stack.append(part[:left])
+    return groups
 
 
 def cluster_order(samples: Samples, spacing_m: float) -> list[I64]:
-    """Samples grouped by repeated halving in position and normal: lists of at most LANES, kd order."""
+    """Samples in clusters of at most LANES, each on one patch (tiny patches share), neighbours near each other in the list."""
     lifted = np.hstack([samples.position_m, CLUSTER_NORMAL_WEIGHT * spacing_m * samples.normal])
-    groups: list[I64] = []
-    stack = [np.arange(len(lifted))]
-    while stack:
-        ids = stack.pop()
-        if len(ids) <= LANES:
-            groups.append(ids)
-            continue
-        leaves = -(-len(ids) // LANES)
-        block = 1
-        while block * LANES < leaves:
-            block *= LANES
-        left = min(len(ids) - 1, LANES * block * (-(-leaves // block) // 2 or 1))
-        axis = int(np.argmax(np.ptp(lifted[ids], axis=0)))
-        ids = ids[np.argsort(lifted[ids, axis], kind="stable")]
-        stack.append(ids[left:])
-        stack.append(ids[:left])
-    return groups
+    size = np.bincount(samples.patch)[samples.patch]
+    home = np.where(size >= SMALL_PATCH, samples.patch, -1)
+    order = np.argsort(home, kind="stable")
+    bounds = np.flatnonzero(np.diff(home[order])) + 1
+    clusters = [group for part in np.split(order, bounds) for group in halve(lifted, part, LANES)]
+    centre = np.array([samples.position_m[ids].mean(axis=0) for ids in clusters])
+    return [clusters[i] for part in halve(centre, np.arange(len(clusters)), LANES) for i in part]
 
 
 def ball(points: F64, extra: F64) -> tuple[F64, float]:
@@ -306,6 +411,9 @@ def _up(values: F64 | float) -> Any:
     return np.float32(np.asarray(values) * (1 + 1e-6) + 1e-9)
 
 
+SPREAD_FIELDS = {"wxx": (0, 0), "wyy": (1, 1), "wzz": (2, 2), "wxy": (0, 1), "wyz": (1, 2), "wzx": (2, 0)}
+
+
 def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
     """SoA records; unused lanes repeat the first point without area."""
     out = np.zeros(len(groups), CLUSTER)
@@ -316,8 +424,9 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
             row[axis] = samples.position_m[lanes, k]
             row["a" + axis] = samples.area_m2[lanes, k] * real
         row["area"] = np.linalg.norm(samples.area_m2[lanes], axis=1) * real
-        row["inv_h"] = samples.inv_h_per_m[lanes]
-        row["ramp"] = _up(0.5 / samples.inv_h_per_m[lanes])
+        for name, (i, j) in SPREAD_FIELDS.items():
+            row[name] = 12 * samples.spread_m2[lanes, i, j]
+        row["ramp"] = _up(samples.ramp_m[lanes])
         row["reach"] = samples.reach_m[lanes] * real
         row["count"] = len(ids)
         row["vertex_mask"] = int((samples.vertex[lanes] & real) @ (1 << np.arange(LANES)))
@@ -425,7 +534,7 @@ def make_adjacency(
 
 def make_shell(surface: Surface, spacing_m: float) -> Shell:
     """The complete shell of a tool mesh."""
-    samples, area = make_samples(surface, spacing_m)
+    samples = make_samples(surface, spacing_m)
     order = cluster_order(samples, spacing_m)
     clusters = make_clusters(samples, order)
     groups, levels = make_tree(clusters)
@@ -440,10 +549,10 @@ def make_shell(surface: Surface, spacing_m: float) -> Shell:
         len(samples.position_m),
         levels,
         spacing_m,
-        float(1 / samples.inv_h_per_m.min()),
-        float(0.5 / samples.inv_h_per_m.min()),
+        float(2 * samples.ramp_m.max()),
+        float(samples.ramp_m.max()),
         root,
         float(_up(radius)),
         float(_up(np.linalg.norm(samples.position_m, axis=1).max())),
-        area,
+        float(np.linalg.norm(samples.area_m2[~samples.feature], axis=1).sum()),
     )

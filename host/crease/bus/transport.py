@@ -1,0 +1,113 @@
+"""Opening a bus: the options -i, -c, -b of python-can's own tools, and errors on one line."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import can
+
+from crease.bus.dictionary import load
+from crease.bus.drives import Drives, Frame
+from crease.errors import BusError
+
+RECEIVE_BUFFER_BYTES = 4 << 20
+"""SocketCAN's default of 212,992 bytes holds 278 frames, a quarter of a second's."""
+
+POLL_S = 0.001
+
+
+def add_bus_options(parser: argparse.ArgumentParser) -> None:
+    """-i, -c and -b."""
+    parser.add_argument(
+        "-i", "--interface", metavar="NAME", required=True, help="of python-can: socketcan, virtual, slcan, ..."
+    )
+    parser.add_argument("-c", "--channel", metavar="NAME", required=True, help="such as vcan0")
+    parser.add_argument(
+        "-b", "--bitrate", metavar="BIT/S", type=int, default=None, help="for interfaces that set it: 1000000"
+    )
+
+
+def check_bitrate(bitrate: int | None) -> None:
+    """Errors: BusError when it is given and not the bus's own."""
+    ours = load().bus["bitrate_bit_s"]
+    if bitrate is not None and bitrate != ours:
+        raise BusError(f"bitrate {bitrate}: the motor bus runs at {ours}; give -b {ours}")
+
+
+def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: Any) -> can.BusABC:
+    """A python-can bus.   Errors: BusError on one line when it cannot be opened."""
+    check_bitrate(bitrate)
+    options = {} if bitrate is None else {"bitrate": bitrate}
+    try:
+        bus = can.Bus(channel=channel, interface=interface, **options, **more)
+    except BusError:
+        raise
+    except Exception as error:  # every interface of python-can raises its own kinds
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise BusError(f"{interface} {channel}: cannot be opened: {text}") from error
+    enlarge(bus)
+    return bus
+
+
+def enlarge(bus: can.BusABC) -> None:
+    """A receive queue that survives a pause of the reader, where the interface is a socket."""
+    import socket
+
+    found = getattr(bus, "socket", None)
+    if isinstance(found, socket.socket):
+        force = getattr(socket, "SO_RCVBUFFORCE", 33)
+        try:
+            found.setsockopt(socket.SOL_SOCKET, force, RECEIVE_BUFFER_BYTES)
+        except OSError:
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+
+def now_us() -> int:
+    """The monotonic clock in us."""
+    return time.monotonic_ns() // 1000
+
+
+def is_ours(message: can.Message) -> bool:
+    """A classical data frame with an 11-bit identifier."""
+    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd)
+
+
+def serve(bus: can.BusABC, drives: Drives, stop: Callable[[], bool], duration_s: float | None = None) -> None:
+    """Run the drives on any python-can bus until `stop()` or the end of `duration_s`, by the monotonic clock."""
+    end_s = None if duration_s is None else time.monotonic() + duration_s
+    next_s = time.monotonic()
+    while not stop() and (end_s is None or time.monotonic() < end_s):
+        message = bus.recv(timeout=max(next_s - time.monotonic(), 0.0))
+        if message is not None and is_ours(message):
+            drives.receive(Frame(message.arbitration_id, bytes(message.data)), now_us())
+        if time.monotonic() >= next_s:
+            drives.poll(now_us())
+            next_s = time.monotonic() + POLL_S
+        for frame in drives.send():
+            bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False))
+
+
+class ServeThread(threading.Thread):
+    """The drives on a bus of their own, beside the program. Use it in a `with`."""
+
+    def __init__(self, bus: can.BusABC, drives: Drives) -> None:
+        super().__init__(daemon=True, name="crease-sim")
+        self.bus, self.drives = bus, drives
+        self._stop_asked = threading.Event()
+
+    def run(self) -> None:
+        """The thread."""
+        serve(self.bus, self.drives, self._stop_asked.is_set)
+
+    def __enter__(self) -> ServeThread:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop_asked.set()
+        self.join()
+        self.bus.shutdown()

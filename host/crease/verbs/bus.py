@@ -1,0 +1,183 @@
+"""`crease bus`: what is going on on the motor bus; its files; its schedule."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crease.errors import BusError
+from crease.verbs.common import SubParsers, add_force, add_json, number, print_json
+
+if TYPE_CHECKING:
+    import can
+
+    from crease.bus.monitor import Monitor
+
+LOG_SUFFIXES = (".log", ".asc", ".blf")
+"""Formats of python-can that give back what was put in: .trc loses error frames, .db loses frames."""
+_REDRAW_S = 0.2
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "bus",
+        help="watch the motor bus; its EDS, DBC and schedule",
+        description="A live table of the frames on the bus, decoded; or the files and the timing that belong to it.",
+    )
+    parser.add_argument("-i", "--interface", metavar="NAME", help="of python-can: socketcan, virtual, slcan, ...")
+    parser.add_argument("-c", "--channel", metavar="NAME", help="such as vcan0")
+    parser.add_argument("-b", "--bitrate", metavar="BIT/S", type=int, help="for interfaces that set it: 1000000")
+    parser.add_argument("--read", metavar="LOG", type=Path, help="a log instead of a bus: .log, .asc, .blf")
+    parser.add_argument("-o", "--log", metavar="LOG", type=Path, help="keep every frame: .log (candump), .asc, .blf")
+    parser.add_argument("--seconds", metavar="S", type=number(0.001, 1e6), help="stop after this time")
+    parser.add_argument("--export", metavar="DIR", type=Path, help="write the EDS of every drive and the DBC of the bus")
+    parser.add_argument("--schedule", action="store_true", help="worst-case response times of every frame")
+    add_json(parser)
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError for a bus that cannot be opened, or a log that cannot be read or written."""
+    if args.export is not None:
+        _export(args)
+    elif args.schedule:
+        _schedule(args)
+    elif args.read is not None:
+        _read(args)
+    else:
+        _watch(args)
+
+
+def _export(args: argparse.Namespace) -> None:
+    from crease.bus.generate import export
+
+    try:
+        files = export(args.export)
+    except OSError as error:
+        raise BusError(f"{args.export}: cannot be written: {error.strerror}") from error
+    if args.json:
+        print_json({"files": [str(path) for path in files]})
+    else:
+        print("\n".join(str(path) for path in files))
+
+
+def _schedule(args: argparse.Namespace) -> None:
+    from crease.bus import schedule
+    from crease.bus.dictionary import load
+
+    dictionary = load()
+    layouts = schedule.layouts(dictionary)
+    ours = layouts["this one"]
+    error_us = float(dictionary.schedule["error_interval_us"])
+    found = schedule.analyse(ours)
+    struck = schedule.analyse(ours, error_interval_us=error_us)
+    rows = [
+        {
+            "layout": name,
+            "load_cyclic": schedule.load(items, cyclic_only=True),
+            "load": schedule.load(items),
+            "last_cyclic_us": schedule.worst_cyclic_us(items),
+            "feasible": schedule.feasible(items),
+            "feasible_with_errors": schedule.feasible(items, error_us),
+            "highest_rate_Hz": schedule.highest_rate_Hz(items),
+        }
+        for name, items in layouts.items()
+    ]
+    budget_us = schedule.compute_budget_us(ours, float(dictionary.bus["period_us"]))
+    if args.json:
+        messages = [vars(r) | {"with_error_us": e.response_us} for r, e in zip(found, struck, strict=True)]
+        print_json({"messages": messages, "layouts": rows, "compute_budget_us": budget_us})
+        return
+    print("COB-ID  frame           bits   period us  response us  with one bus error per 10 ms")
+    for one, worse in zip(found, struck, strict=True):
+        print(
+            f"0x{one.cob:03X}   {one.name:14s} {one.cost_us:5.0f} {one.period_us:11,.0f} {_us(one.response_us):>12s}"
+            f"  {_us(worse.response_us):>12s}{'' if worse.feasible else '  too late'}"
+        )
+    print(f"\nSYNC, states and torque leave {budget_us:.0f} us of a period for the computation\n")
+    print(f"{'layout':26s} {'load cyclic/all':>16s} {'last cyclic':>12s}  feasible  up to")
+    for row in rows:
+        print(
+            f"{row['layout']:26s} {100 * float(str(row['load_cyclic'])):8.1f}/{100 * float(str(row['load'])):.1f} %"
+            f" {row['last_cyclic_us']!s:>9s} us  {'yes' if row['feasible'] else 'no':8s}  {row['highest_rate_Hz']} Hz"
+        )
+
+
+def _us(value: float | None) -> str:
+    return "no bound" if value is None else f"{value:,.0f}"
+
+
+def _read(args: argparse.Namespace) -> None:
+    import can
+
+    from crease.bus.dictionary import load
+    from crease.bus.monitor import Monitor
+
+    _check_suffix(args.read)
+    if not args.read.is_file():
+        raise BusError(f"{args.read}: there is no such file")
+    monitor = Monitor(load())
+    try:
+        for message in can.LogReader(args.read):
+            monitor.feed(message)
+    except Exception as error:  # every reader of python-can raises its own kinds
+        raise BusError(f"{args.read}: cannot be read: {' '.join(str(error).split())}") from error
+    _show(args, monitor)
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix.lower() not in LOG_SUFFIXES:
+        raise BusError(f"{path}: the suffix is not one of {', '.join(LOG_SUFFIXES)}; other formats lose frames")
+
+
+def _show(args: argparse.Namespace, monitor: Monitor) -> None:
+    if args.json:
+        print_json(monitor.report())
+    else:
+        print("\n".join(monitor.lines()))
+
+
+def _watch(args: argparse.Namespace) -> None:
+    import can
+
+    from crease.bus.dictionary import load
+    from crease.bus.monitor import Monitor
+    from crease.bus.transport import open_bus
+    from crease.table import check_target
+
+    if args.interface is None or args.channel is None:
+        raise BusError("nothing to watch; give -i and -c, or --read, --export, --schedule")
+    if args.log is not None:
+        _check_suffix(args.log)
+        check_target(args.log, args.force)
+    monitor = Monitor(load())
+    with contextlib.ExitStack() as stack:
+        bus = stack.enter_context(open_bus(args.interface, args.channel, args.bitrate))
+        listeners: list[can.Listener] = []
+        if args.log is not None:
+            listeners.append(stack.enter_context(can.Logger(args.log)))
+        with contextlib.suppress(KeyboardInterrupt):
+            _listen(bus, monitor, listeners, args.seconds, sys.stdout.isatty() and not args.json)
+    _show(args, monitor)
+
+
+def _listen(
+    bus: can.BusABC, monitor: Monitor, listeners: list[can.Listener], seconds: float | None, live: bool
+) -> None:
+    end_s = None if seconds is None else time.monotonic() + seconds
+    drawn_s = time.monotonic()
+    while end_s is None or time.monotonic() < end_s:
+        message = bus.recv(timeout=0.05)
+        if message is not None:
+            monitor.feed(message)
+            for listener in listeners:
+                listener.on_message_received(message)
+        if live and time.monotonic() - drawn_s > _REDRAW_S:
+            print("\x1b[H\x1b[2J" + "\n".join(monitor.lines()), flush=True)
+            drawn_s = time.monotonic()

@@ -1,0 +1,186 @@
+"""`crease sim`: three drives with mechanism and operator behind them, on a bus."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params
+from crease.errors import BusError
+from crease.table import describe, read_table
+from crease.verbs.common import SubParsers, add_json, number, print_json, print_lines
+
+PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")
+WRIST_COLUMNS = ("yaw_rad", "pitch_rad", "roll_rad")
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    from crease.bus.transport import add_bus_options
+
+    parser = sub.add_parser(
+        "sim",
+        help="simulated drives, mechanism and operator on a bus",
+        description="Three CiA 402 drives with the device and its operator behind them. A SYNC moves the device by one period. "
+        "Stop with Ctrl-C.",
+    )
+    add_bus_options(parser)
+    parser.add_argument("--wall-clock", action="store_true", help="the device moves with the clock, not with the SYNC")
+    parser.add_argument("--seconds", metavar="S", type=number(0.001, 1e6), help="stop after this time")
+    parser.add_argument(
+        "--operator",
+        metavar="PATH.csv",
+        type=Path,
+        help="targets of the hand: t_s,x_m,y_m,z_m and perhaps yaw_rad,pitch_rad,roll_rad; starts when the drives are enabled",
+    )
+    parser.add_argument("--device", metavar="SIM.toml", type=Path, help="parameters that differ from the default device")
+    parser.add_argument(
+        "--fault",
+        metavar="KIND:tick=N,...",
+        action="append",
+        default=[],
+        help=f"{', '.join(FAULT_KINDS)}; with tick, ticks, axis (X, Y, Z), id, to (drives, host), value; may be given again",
+    )
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def parse_fault(text: str) -> Fault:
+    """`drop:tick=100,ticks=3,id=0x191,to=host` as a row of the fault table.   Errors: BusError."""
+    kind, _, rest = text.partition(":")
+    values: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        name, equals, value = part.partition("=")
+        try:
+            if name == "axis" and value in ("X", "Y", "Z"):
+                values["axis"] = "XYZ".index(value)
+            elif name == "to" and value in ("drives", "host"):
+                values["to_drives"] = value == "drives"
+            elif name in ("tick", "ticks", "id", "value") and equals:
+                values[name] = int(value, 0)
+            else:
+                raise ValueError(name)
+        except ValueError as error:
+            raise BusError(
+                f"fault '{text}': '{part}' is not understood; write KIND:tick=N,ticks=N,axis=X,id=0x191,to=host,value=N"
+            ) from error
+    if kind not in FAULT_KINDS or "tick" not in values:
+        raise BusError(f"fault '{text}': write KIND:tick=N with KIND one of {', '.join(FAULT_KINDS)}")
+    return Fault(kind=kind, **values)
+
+
+def load_params(path: Path | None) -> Params:
+    """Parameters from a TOML file: keys of cr_sim_params, and tables axes.X, axes.Y, axes.Z.   Errors: BusError."""
+    if path is None:
+        return Params()
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise BusError(f"{path}: cannot be read: {describe(error)}") from error
+    axes = values.pop("axes", {})
+    if not isinstance(axes, dict) or not all(isinstance(axis, dict) for axis in axes.values()):
+        raise BusError(f"{path}: axes must be tables: [axes.X] and so on")
+    try:
+        return Params(axes=axes, **values)
+    except BusError as error:
+        raise BusError(f"{path}: {error}") from error
+
+
+def load_path(path: Path | None, period_s: float) -> F64 | None:
+    """Targets of the operator, one row a period: tip m, wrist rad; shape (n, 6).   Errors: TableError, BusError."""
+    if path is None:
+        return None
+    columns = read_table(path, PATH_COLUMNS)
+    times = columns["t_s"]
+    if not all(np.isfinite(column).all() for column in columns.values()):
+        raise BusError(f"{path}: has a number that is not finite")
+    if (np.diff(times) <= 0.0).any():
+        raise BusError(f"{path}: t_s must grow from row to row")
+    ticks = np.arange(times[0], times[-1] + 0.5 * period_s, period_s)
+    zero = np.zeros(len(times))
+    names = (*PATH_COLUMNS[1:], *WRIST_COLUMNS)
+    return np.column_stack([np.interp(ticks, times, columns.get(name, zero)) for name in names])
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError for a bus that cannot be opened, or bad parameters, path or faults."""
+    from crease.bus.transport import check_bitrate, now_us
+
+    check_bitrate(args.bitrate)
+    if args.interface == "inprocess":
+        raise BusError("interface inprocess: lives inside one program and has its own drives; use socketcan or virtual")
+    params = load_params(args.device)
+    drives = Drives(
+        params,
+        wall_clock=args.wall_clock,
+        now_us=now_us(),
+        faults=[parse_fault(text) for text in args.fault],
+        path=load_path(args.operator, params.period_s),
+    )
+    lost = _run_socketcan(args, drives) if args.interface == "socketcan" else _run_any(args, drives)
+    counters = drives.counters
+    report: dict[str, object] = {
+        "ticks": counters.ticks,
+        "frames_in": counters.frames_in,
+        "frames_out": counters.frames_out,
+        "frames_ignored": counters.frames_ignored,
+        "frames_lost": counters.frames_dropped + lost,
+        "faults_done": counters.faults_done,
+        "states": [drives.drive(axis).state for axis in range(3)],
+    }
+    if args.json:
+        print_json(report)
+    else:
+        print_lines(
+            [
+                ("ticks", f"{counters.ticks:,}"),
+                ("frames", f"{counters.frames_in:,} in, {counters.frames_out:,} out, {counters.frames_ignored:,} not for us"),
+                ("lost", f"{counters.frames_dropped + lost:,}"),
+                ("faults", f"{counters.faults_done:,}"),
+                ("drives", ", ".join(drives.drive(axis).state for axis in range(3))),
+            ]
+        )
+
+
+def _run_socketcan(args: argparse.Namespace, drives: Drives) -> int:
+    """In C, without the interpreter in the loop. Gives frames lost."""
+    from crease._sim import ffi, lib
+
+    report = ffi.new("cr_sim_run_report *")
+    duration_us = round(1e6 * args.seconds) if args.seconds else 0
+    status = lib.cr_sim_run_socketcan(drives.c, args.channel.encode(), duration_us, report)
+    if status != 0:
+        import os
+
+        what = {
+            lib.CR_SIM_RUN_INTERFACE: "there is no such interface; see `ip link`",
+            lib.CR_SIM_RUN_SOCKET: "no CAN socket; does this kernel have SocketCAN?",
+        }.get(status, "the interface is gone")
+        raise BusError(f"socketcan {args.channel}: {what} ({os.strerror(report.error_number)})")
+    return int(report.dropped_rx + report.failed_tx)
+
+
+def _run_any(args: argparse.Namespace, drives: Drives) -> int:
+    """Through python-can."""
+    from crease.bus.transport import open_bus, serve
+
+    stopped: list[int] = []
+    bus = open_bus(args.interface, args.channel, args.bitrate)
+    main_thread = True
+    try:
+        before = [signal.signal(number, lambda n, _: stopped.append(n)) for number in (signal.SIGINT, signal.SIGTERM)]
+    except ValueError:
+        main_thread = False
+    try:
+        serve(bus, drives, lambda: bool(stopped), args.seconds)
+    finally:
+        if main_thread:
+            for number_, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
+                signal.signal(number_, handler)
+        bus.shutdown()
+    return 0

@@ -1,0 +1,696 @@
+/* Scene images by hand: see the header. */
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define REACH_M 4e-3
+#define PROBES 5
+
+/* ---- solids ------------------------------------------------------------------------------------------------------- */
+
+crt_solid crt_box(double x_low, double x_high, double half_y, double z_low, double z_high) {
+    crt_solid s = {{{x_low, z_low}, {x_high, z_low}, {x_high, z_high}, {x_low, z_high}}, 4, half_y, 0, 0.0};
+    return s;
+}
+
+crt_solid crt_room(double x_low, double x_high, double half_y, double z_low, double z_high) {
+    crt_solid s = crt_box(x_low, x_high, half_y, z_low, z_high);
+    s.hollow = 1;
+    return s;
+}
+
+crt_solid crt_wedge(double angle_rad, double height, double half_y) {
+    double x = height * tan(0.5 * angle_rad);
+    crt_solid s = {{{-x, -height}, {x, -height}, {0.0, 0.0}}, 3, half_y, 0, 0.0};
+    return s;
+}
+
+crt_solid crt_ball(double radius) {
+    crt_solid s = {{{0.0}}, 0, 0.0, 0, radius};
+    return s;
+}
+
+int crt_facets(const crt_solid *s) { return s->ball_m > 0.0 ? 1 : s->sides + 2; }
+
+static double polygon_distance(const crt_solid *s, double x, double z) {
+    double best = INFINITY;
+    int inside = 1;
+    for (int i = 0; i < s->sides; i++) {
+        const double *a = s->corner_m[i], *b = s->corner_m[(i + 1) % s->sides];
+        double ex = b[0] - a[0], ez = b[1] - a[1], px = x - a[0], pz = z - a[1];
+        double t = fmax(0.0, fmin(1.0, (px * ex + pz * ez) / (ex * ex + ez * ez)));
+        best = fmin(best, hypot(px - t * ex, pz - t * ez));
+        inside = inside && ex * pz - ez * px > 0.0;
+    }
+    return inside ? -best : best;
+}
+
+double crt_distance(const crt_solid *s, const double p[3]) {
+    if (s->ball_m > 0.0) {
+        return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) - s->ball_m;
+    }
+    double across = polygon_distance(s, p[0], p[2]), along = fabs(p[1]) - s->half_y_m;
+    double d = across > 0.0 && along > 0.0 ? hypot(across, along) : fmax(across, along);
+    return s->hollow ? -d : d;
+}
+
+void crt_plane(const crt_solid *s, int facet, double plane[4]) {
+    double sign = s->hollow ? -1.0 : 1.0;
+    memset(plane, 0, 4 * sizeof *plane);
+    if (s->ball_m > 0.0) {
+        plane[2] = 1.0;
+    } else if (facet < s->sides) {
+        const double *a = s->corner_m[facet], *b = s->corner_m[(facet + 1) % s->sides];
+        double ex = b[0] - a[0], ez = b[1] - a[1], length = hypot(ex, ez);
+        plane[0] = sign * ez / length;
+        plane[2] = -sign * ex / length;
+        plane[3] = plane[0] * a[0] + plane[2] * a[1];
+    } else {
+        plane[1] = facet == s->sides ? -sign : sign;
+        plane[3] = sign * s->half_y_m;
+    }
+}
+
+static void bounds_of(const crt_solid *s, double low[3], double high[3]) {
+    for (int a = 0; a < 3; a++) {
+        low[a] = -s->ball_m;
+        high[a] = s->ball_m;
+    }
+    if (s->ball_m > 0.0) {
+        return;
+    }
+    low[1] = -s->half_y_m;
+    high[1] = s->half_y_m;
+    low[0] = low[2] = INFINITY;
+    high[0] = high[2] = -INFINITY;
+    for (int i = 0; i < s->sides; i++) {
+        low[0] = fmin(low[0], s->corner_m[i][0]);
+        high[0] = fmax(high[0], s->corner_m[i][0]);
+        low[2] = fmin(low[2], s->corner_m[i][1]);
+        high[2] = fmax(high[2], s->corner_m[i][1]);
+    }
+}
+
+/* ---- tools -------------------------------------------------------------------------------------------------------- */
+
+crt_tool crt_tool_new(double spacing_m) {
+    crt_tool t = {NULL, calloc(1, sizeof(uint32_t)), 0, 0, spacing_m};
+    return t;
+}
+
+void crt_tool_free(crt_tool *t) {
+    free(t->samples);
+    free(t->start);
+    memset(t, 0, sizeof *t);
+}
+
+static void add_sample(crt_tool *t, const crt_sample *sample) {
+    if (t->sample_count % 256u == 0u) {
+        t->samples = realloc(t->samples, (t->sample_count + 256u) * sizeof *t->samples);
+    }
+    t->samples[t->sample_count++] = *sample;
+}
+
+static void end_cluster(crt_tool *t) {
+    t->cluster_count++;
+    t->start = realloc(t->start, (t->cluster_count + 1u) * sizeof *t->start);
+    t->start[t->cluster_count] = t->sample_count;
+}
+
+static void add_tile(crt_tool *t, const double centre[3], const double half[3], int axis, int side, const int count[2],
+                     int i, int j) {
+    int ua = (axis + 1) % 3, va = (axis + 2) % 3;
+    crt_sample s;
+    memset(&s, 0, sizeof s);
+    s.u[ua] = s.v[va] = 1.0;
+    s.normal[axis] = side;
+    s.width_m[0] = 2.0 * half[ua] / count[0];
+    s.width_m[1] = 2.0 * half[va] / count[1];
+    s.pos_m[axis] = centre[axis] + side * half[axis];
+    s.pos_m[ua] = centre[ua] - half[ua] + (i + 0.5) * s.width_m[0];
+    s.pos_m[va] = centre[va] - half[va] + (j + 0.5) * s.width_m[1];
+    s.area_m2 = s.width_m[0] * s.width_m[1];
+    double to_edge = fmin(half[ua] - fabs(s.pos_m[ua] - centre[ua]), half[va] - fabs(s.pos_m[va] - centre[va]));
+    s.reach_m = fmin(0.75 * t->spacing_m, to_edge);
+    add_sample(t, &s);
+}
+
+static int tiles(double length, double spacing) { return 4 * (int)fmax(1.0, round(length / (4.0 * spacing))); }
+
+static void add_face(crt_tool *t, const double centre[3], const double half[3], int axis, int side) {
+    int count[2] = {tiles(2.0 * half[(axis + 1) % 3], t->spacing_m), tiles(2.0 * half[(axis + 2) % 3], t->spacing_m)};
+    for (int i = 0; i < count[0]; i += 4) {
+        for (int j = 0; j < count[1]; j += 4) {
+            for (int k = 0; k < CR_LANES; k++) {
+                add_tile(t, centre, half, axis, side, count, i + k / 4, j + k % 4);
+            }
+            end_cluster(t);
+        }
+    }
+}
+
+void crt_add_box(crt_tool *t, const double centre[3], const double half[3]) {
+    for (int axis = 0; axis < 3; axis++) {
+        add_face(t, centre, half, axis, -1);
+        add_face(t, centre, half, axis, 1);
+    }
+    for (int k = 0; k < 8; k++) {
+        crt_sample s;
+        memset(&s, 0, sizeof s);
+        for (int axis = 0; axis < 3; axis++) {
+            double side = (k >> axis) & 1 ? 1.0 : -1.0;
+            s.pos_m[axis] = centre[axis] + side * half[axis];
+            s.normal[axis] = side / sqrt(3.0);
+        }
+        s.u[0] = s.v[1] = 1.0;
+        s.width_m[0] = s.width_m[1] = 0.1 * t->spacing_m;
+        s.vertex = 1;
+        add_sample(t, &s);
+        end_cluster(t);
+    }
+}
+
+void crt_add_ball(crt_tool *t, double radius) {
+    int rings = (int)fmax(4.0, round(M_PI * radius / t->spacing_m));
+    uint32_t first = t->sample_count;
+    for (int i = 0; i < rings; i++) {
+        double low = M_PI * i / rings, high = M_PI * (i + 1) / rings, middle = 0.5 * (low + high);
+        int count = (int)fmax(3.0, round(2.0 * M_PI * sin(middle) * radius / t->spacing_m));
+        for (int j = 0; j < count; j++) {
+            double turn = 2.0 * M_PI * (j + 0.5 * (i % 2)) / count;
+            crt_sample s = {{0},
+                            {sin(middle) * cos(turn), sin(middle) * sin(turn), cos(middle)},
+                            {cos(middle) * cos(turn), cos(middle) * sin(turn), -sin(middle)},
+                            {-sin(turn), cos(turn), 0.0},
+                            {0},
+                            2.0 * M_PI * radius * radius * (cos(low) - cos(high)) / count,
+                            0.75 * t->spacing_m,
+                            0};
+            s.width_m[0] = s.width_m[1] = sqrt(s.area_m2);
+            for (int a = 0; a < 3; a++) {
+                s.pos_m[a] = radius * s.normal[a];
+            }
+            add_sample(t, &s);
+            if (t->sample_count - t->start[t->cluster_count] == CR_LANES) {
+                end_cluster(t);
+            }
+        }
+    }
+    if (t->sample_count > t->start[t->cluster_count]) {
+        end_cluster(t);
+    }
+    (void)first;
+}
+
+/* ---- the image ---------------------------------------------------------------------------------------------------- */
+
+/* Sections as they are made: bytes, elements, bytes of one element. */
+typedef struct {
+    uint8_t *bytes[CR_SEC_COUNT + 1];
+    uint32_t count[CR_SEC_COUNT + 1], stride[CR_SEC_COUNT + 1];
+} parts;
+
+static void *add_part(parts *p, uint32_t id, uint32_t count, size_t stride) {
+    p->bytes[id] = calloc(count > 0u ? count : 1u, stride);
+    p->count[id] = count;
+    p->stride[id] = (uint32_t)stride;
+    return p->bytes[id];
+}
+
+static double height_of(const crt_solid *s, int facet, const double p[3]) {
+    double n[4];
+    crt_plane(s, facet, n);
+    return n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - n[3];
+}
+
+/* The one facet that is nearest to every probe of a cell, or -1. */
+static int facet_of_cell(const crt_solid *s, const double low[3], double size) {
+    int found = -1;
+    for (int k = 0; k < PROBES * PROBES * PROBES; k++) {
+        int at[3] = {k % PROBES, k / PROBES % PROBES, k / (PROBES * PROBES)};
+        double p[3];
+        for (int a = 0; a < 3; a++) {
+            p[a] = low[a] + size * (1.1 * at[a] / (PROBES - 1) - 0.05);
+        }
+        double d = crt_distance(s, p);
+        int mine = -1, count = 0;
+        for (int f = 0; f < crt_facets(s); f++) {
+            if (fabs(height_of(s, f, p) - d) < 1e-9) {
+                mine = f;
+                count++;
+            }
+        }
+        if (count != 1 || (found >= 0 && found != mine)) {
+            return -1;
+        }
+        found = mine;
+    }
+    return found;
+}
+
+static void fill_features(const crt_solid *s, parts *p) {
+    int facets = crt_facets(s), ball = s->ball_m > 0.0;
+    struct cr_img_facet *facet = add_part(p, CR_SEC_FACETS, (uint32_t)facets, sizeof *facet);
+    struct cr_img_kind *kind = add_part(p, CR_SEC_KINDS, (uint32_t)facets + 2u, sizeof *kind);
+    struct cr_img_pair *pair = add_part(p, CR_SEC_PAIRS, (uint32_t)(facets * facets), sizeof *pair);
+    struct cr_img_edge *edge = add_part(p, CR_SEC_EDGES, (uint32_t)s->sides, sizeof *edge);
+    uint32_t label = s->hollow ? CR_PAIR_CONCAVE : CR_PAIR_CONVEX, pairs = 0u;
+    struct cr_img_kind *all = &kind[facets + 1];
+    all->kind = s->hollow ? CR_KIND_CONCAVE : CR_KIND_CONVEX;
+    all->count = (uint32_t)facets;
+    for (int f = 0; f < facets; f++) {
+        double n[4];
+        crt_plane(s, f, n);
+        for (int a = 0; a < 3; a++) {
+            facet[f].normal[a] = (float)n[a];
+        }
+        facet[f].offset_m = (float)n[3];
+        facet[f].patch = (uint32_t)f;
+        facet[f].curved = (uint32_t)ball;
+        kind[f + 1].kind = ball ? CR_KIND_CURVED : CR_KIND_PLANAR;
+        kind[f + 1].count = 1u;
+        kind[f + 1].facet[0] = all->facet[f] = (uint32_t)f;
+        for (int g = f + 1; g < facets; g++) {
+            int apart = f < s->sides && g < s->sides && s->sides == 4 && g - f == 2;
+            if (!apart && f != s->sides) {
+                pair[pairs++] = (struct cr_img_pair){(uint32_t)f, (uint32_t)g, label};
+            }
+        }
+    }
+    p->count[CR_SEC_PAIRS] = pairs;
+    for (int i = 0; i < s->sides; i++) {
+        float x = (float)s->corner_m[i][0], z = (float)s->corner_m[i][1], y = (float)s->half_y_m;
+        edge[i] = (struct cr_img_edge){{x, -y, z}, {x, y, z}, {(uint32_t)i, (uint32_t)((i + 1) % s->sides)}, label, 0.0f};
+    }
+}
+
+static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double voxel_m) {
+    double low[3], high[3];
+    bounds_of(s, low, high);
+    m->brick_m = (float)(8.0 * voxel_m);
+    m->voxel_m = m->brick_m / 8.0f;
+    double pad = (double)m->brick_m + REACH_M;
+    for (int a = 0; a < 3; a++) {
+        m->origin_m[a] = (float)(low[a] - pad);
+        m->dims[a] = (uint32_t)ceil((high[a] + pad - (double)m->origin_m[a]) / (double)m->brick_m);
+        m->static_min_m[a] = (float)low[a];
+        m->static_max_m[a] = (float)high[a];
+    }
+    m->band_m = 2.0f * m->brick_m + (float)REACH_M;
+    m->crease_m = m->band_m;
+    m->quantum_m = m->band_m / 32767.0f;
+    double error = 2.0 * (double)m->quantum_m;
+    if (s->ball_m > 0.0) {
+        error += (double)m->voxel_m * (double)m->voxel_m / s->ball_m;
+    }
+    m->error_out_m = m->error_in_m = (float)error;
+    m->error_max_m = m->error_rms_m = (float)error;
+    m->crease_angle_rad = 0.5236f;
+    m->patch_count = (uint32_t)crt_facets(s);
+}
+
+/* Samples and cells of one near brick whose low corner is given. */
+static void fill_brick(const crt_solid *s, const struct cr_img_meta *m, const double low[3], struct cr_img_brick *brick,
+                       int16_t *samples, uint16_t *cells) {
+    double voxel = (double)m->brick_m / 8.0;
+    brick->side = 8u;
+    for (int k = 0; k < 9 * 9 * 9; k++) {
+        double p[3] = {low[0] + k % 9 * voxel, low[1] + k / 9 % 9 * voxel, low[2] + k / 81 * voxel};
+        samples[k] = (int16_t)lround(crt_distance(s, p) / (double)m->quantum_m);
+    }
+    for (int k = 0; k < 512; k++) {
+        double p[3] = {low[0] + k % 8 * voxel, low[1] + k / 8 % 8 * voxel, low[2] + k / 64 * voxel};
+        int f = s->ball_m > 0.0 ? 0 : facet_of_cell(s, p, voxel);
+        cells[k] = (uint16_t)((f < 0 ? crt_facets(s) : f) + 1);
+        brick->creased = (uint16_t)(brick->creased | (f < 0));
+    }
+}
+
+static void fill_voxmap(const crt_solid *s, const struct cr_img_meta *m, parts *p) {
+    uint32_t tops = m->dims[0] * m->dims[1] * m->dims[2], near = 0u, tables = 0u;
+    double brick_m = (double)m->brick_m, diagonal = 0.5 * sqrt(3.0) * brick_m, quantum = (double)m->quantum_m;
+    uint32_t *top = add_part(p, CR_SEC_TOP, tops, sizeof *top);
+    struct cr_img_brick *bricks = add_part(p, CR_SEC_BRICKS, tops, sizeof *bricks);
+    int16_t *samples = add_part(p, CR_SEC_SAMPLES, tops * 729u, sizeof *samples);
+    uint16_t *cells = add_part(p, CR_SEC_CELLS, tops * 512u, sizeof *cells);
+    for (uint32_t i = 0; i < tops; i++) {
+        uint32_t at[3] = {i % m->dims[0], i / m->dims[0] % m->dims[1], i / (m->dims[0] * m->dims[1])};
+        double low[3], centre[3];
+        for (int a = 0; a < 3; a++) {
+            low[a] = (double)m->origin_m[a] + at[a] * brick_m;
+            centre[a] = low[a] + 0.5 * brick_m;
+        }
+        double d = crt_distance(s, centre), bound = fabs(d) - diagonal;
+        if (bound > REACH_M) {
+            top[i] = CR_TOP_FAR | (d < 0.0 ? CR_TOP_INSIDE : 0u) | (uint32_t)floor(bound / quantum);
+            continue;
+        }
+        struct cr_img_brick *b = &bricks[near];
+        uint16_t *table = cells + 512u * tables;
+        b->samples = 729u * near;
+        fill_brick(s, m, low, b, samples + b->samples, table);
+        b->cells = 512u * tables;
+        int uniform = 1;
+        for (int k = 1; k < 512; k++) {
+            uniform = uniform && table[k] == table[0];
+        }
+        b->kind = uniform ? table[0] : 0u;
+        b->cells = uniform && !b->creased ? CR_CELLS_NONE : 512u * tables++;
+        top[i] = near++;
+    }
+    p->count[CR_SEC_BRICKS] = near;
+    p->count[CR_SEC_SAMPLES] = 729u * near;
+    p->count[CR_SEC_CELLS] = 512u * tables;
+}
+
+static void fill_lane(struct cr_img_cluster *c, int lane, const crt_sample *s, int real) {
+    double w[3][3], most = fmax(s->width_m[0], s->width_m[1]);
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            w[i][j] = s->width_m[0] * s->width_m[0] * s->u[i] * s->u[j] + s->width_m[1] * s->width_m[1] * s->v[i] * s->v[j];
+        }
+    }
+    double area = real ? s->area_m2 : 0.0;
+    c->x[lane] = (float)s->pos_m[0];
+    c->y[lane] = (float)s->pos_m[1];
+    c->z[lane] = (float)s->pos_m[2];
+    c->ax[lane] = (float)(area * s->normal[0]);
+    c->ay[lane] = (float)(area * s->normal[1]);
+    c->az[lane] = (float)(area * s->normal[2]);
+    c->area[lane] = (float)area;
+    c->wxx[lane] = (float)w[0][0];
+    c->wyy[lane] = (float)w[1][1];
+    c->wzz[lane] = (float)w[2][2];
+    c->wxy[lane] = (float)w[0][1];
+    c->wyz[lane] = (float)w[1][2];
+    c->wzx[lane] = (float)w[2][0];
+    c->ramp[lane] = (float)(0.5 * most * (1.0 + 1e-6));
+    c->reach[lane] = real ? (float)s->reach_m : 0.0f;
+}
+
+static void fill_cluster(const crt_tool *t, uint32_t index, struct cr_img_cluster *c, struct cr_img_sum *sum) {
+    uint32_t first = t->start[index], count = t->start[index + 1u] - first;
+    double mean[3] = {0.0}, normal[3] = {0.0};
+    float one[CR_LANES];
+    c->count = count;
+    for (uint32_t i = 0; i < CR_LANES; i++) {
+        const crt_sample *s = &t->samples[first + (i < count ? i : 0u)];
+        fill_lane(c, (int)i, s, i < count);
+        one[i] = 1.0f;
+        c->vertex_mask |= i < count && s->vertex ? 1u << i : 0u;
+        for (int a = 0; a < 3 && i < count; a++) {
+            mean[a] += s->pos_m[a] / count;
+            normal[a] += s->area_m2 * s->normal[a];
+        }
+    }
+    double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    for (int a = 0; a < 3; a++) {
+        c->normal[a] = length > 0.0 ? (float)(normal[a] / length) : 0.0f;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        const double *q = t->samples[first + i].pos_m;
+        double r = sqrt(pow(q[0] - mean[0], 2) + pow(q[1] - mean[1], 2) + pow(q[2] - mean[2], 2));
+        c->radius_m = fmaxf(c->radius_m, (float)(r * (1.0 + 1e-6) + 1e-9));
+    }
+    cr_sum_cluster(c, one, sum);
+}
+
+/* Sphere, margin and reach from the origin of the samples of clusters [low, high). */
+static void ball_of(const crt_tool *t, uint32_t low, uint32_t high, float centre[3], float *radius, float *margin,
+                    float *rho) {
+    double from[3] = {INFINITY, INFINITY, INFINITY}, to[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (uint32_t i = t->start[low]; i < t->start[high]; i++) {
+        for (int a = 0; a < 3; a++) {
+            from[a] = fmin(from[a], t->samples[i].pos_m[a]);
+            to[a] = fmax(to[a], t->samples[i].pos_m[a]);
+        }
+    }
+    double r = 0.0, most = 0.0, far = 0.0;
+    for (int a = 0; a < 3; a++) {
+        centre[a] = (float)(0.5 * (from[a] + to[a]));
+    }
+    for (uint32_t i = t->start[low]; i < t->start[high]; i++) {
+        const crt_sample *s = &t->samples[i];
+        double d2 = 0.0, o2 = 0.0;
+        for (int a = 0; a < 3; a++) {
+            d2 += pow(s->pos_m[a] - (double)centre[a], 2);
+            o2 += pow(s->pos_m[a], 2);
+        }
+        r = fmax(r, sqrt(d2));
+        far = fmax(far, sqrt(o2));
+        most = fmax(most, 0.5 * fmax(s->width_m[0], s->width_m[1]));
+    }
+    *radius = (float)(r * (1.0 + 1e-6) + 1e-8);
+    *margin = (float)(most * (1.0 + 2e-6) + 1e-9);
+    *rho = (float)(far * (1.0 + 1e-6) + 1e-8);
+}
+
+static void fill_tree(const crt_tool *t, parts *p, struct cr_img_meta *m) {
+    uint32_t width[CR_TREE_DEPTH_MAX], spans[CR_TREE_DEPTH_MAX], levels = 0u, total = 0u, span = 1u;
+    for (uint32_t n = t->cluster_count; levels == 0u || n > 1u;) {
+        spans[levels] = span;
+        n = (n + CR_LANES - 1u) / CR_LANES;
+        width[levels++] = n;
+        total += n;
+        span *= CR_LANES;
+    }
+    struct cr_img_group *groups = add_part(p, CR_SEC_GROUPS, total, sizeof *groups);
+    uint32_t first = 0u;
+    for (uint32_t depth = 0; depth < levels; depth++) {
+        uint32_t up = levels - 1u - depth, below = up == 0u ? t->cluster_count : width[up - 1u];
+        for (uint32_t i = 0; i < width[up]; i++) {
+            struct cr_img_group *g = &groups[first + i];
+            g->count = below - i * CR_LANES < CR_LANES ? below - i * CR_LANES : CR_LANES;
+            g->leaf = up == 0u;
+            g->level = depth;
+            for (uint32_t k = 0; k < CR_LANES; k++) {
+                uint32_t child = i * CR_LANES + (k < g->count ? k : 0u);
+                uint32_t low = child * spans[up], high = low + spans[up];
+                float centre[3];
+                high = high < t->cluster_count ? high : t->cluster_count;
+                ball_of(t, low, high, centre, &g->radius[k], &g->margin[k], &g->rho[k]);
+                g->x[k] = centre[0];
+                g->y[k] = centre[1];
+                g->z[k] = centre[2];
+                g->first[k] = low;
+                g->child[k] = up == 0u ? child : first + width[up] + child;
+            }
+        }
+        first += width[up];
+    }
+    m->levels = levels;
+    ball_of(t, 0u, t->cluster_count, m->root_centre_m, &m->root_radius_m, &m->ramp_max_m, &m->tool_radius_m);
+}
+
+static int clusters_touch(const crt_tool *t, uint32_t a, uint32_t b) {
+    double limit = 1.6 * t->spacing_m;
+    for (uint32_t i = t->start[a]; i < t->start[a + 1u]; i++) {
+        for (uint32_t j = t->start[b]; j < t->start[b + 1u]; j++) {
+            const double *p = t->samples[i].pos_m, *q = t->samples[j].pos_m;
+            if (pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2) < limit * limit) {
+                return 1;
+            }
+        }
+    }
+    return 0;
+}
+
+static int spheres_far(const crt_tool *t, const struct cr_img_cluster *c, uint32_t a, uint32_t b) {
+    const double *p = t->samples[t->start[a]].pos_m, *q = t->samples[t->start[b]].pos_m;
+    double d = sqrt(pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2));
+    return d > 2.0 * (double)(c[a].radius_m + c[b].radius_m) + 2.0 * t->spacing_m;
+}
+
+static void fill_neighbours(const crt_tool *t, parts *p) {
+    const struct cr_img_cluster *clusters = (const struct cr_img_cluster *)(const void *)p->bytes[CR_SEC_CLUSTERS];
+    uint32_t *start = add_part(p, CR_SEC_ADJ_START, t->cluster_count + 1u, sizeof *start);
+    uint32_t *adj = add_part(p, CR_SEC_ADJ, t->cluster_count * 64u, sizeof *adj), count = 0u;
+    for (uint32_t a = 0; a < t->cluster_count; a++) {
+        for (uint32_t b = 0; b < t->cluster_count; b++) {
+            if (a != b && !spheres_far(t, clusters, a, b) && clusters_touch(t, a, b)) {
+                assert_true(count < t->cluster_count * 64u);
+                adj[count++] = b;
+            }
+        }
+        start[a + 1u] = count;
+    }
+    p->count[CR_SEC_ADJ] = count;
+}
+
+static void fill_shell(const crt_tool *t, parts *p, struct cr_img_meta *m) {
+    struct cr_img_cluster *clusters = add_part(p, CR_SEC_CLUSTERS, t->cluster_count, sizeof *clusters);
+    struct cr_img_sum *sums = add_part(p, CR_SEC_SUMS, t->cluster_count, sizeof *sums);
+    for (uint32_t i = 0; i < t->cluster_count; i++) {
+        fill_cluster(t, i, &clusters[i], &sums[i]);
+        m->shell_area_m2 += sums[i].area;
+    }
+    fill_tree(t, p, m);
+    fill_neighbours(t, p);
+    m->spacing_m = (float)t->spacing_m;
+    m->point_count = t->sample_count;
+    for (int a = 0; a < 3; a++) {
+        m->tool_min_m[a] = m->root_centre_m[a] - m->root_radius_m;
+        m->tool_max_m[a] = m->root_centre_m[a] + m->root_radius_m;
+    }
+}
+
+static uint32_t round_up(uint32_t n) { return (n + CR_IMG_ALIGN - 1u) / CR_IMG_ALIGN * CR_IMG_ALIGN; }
+
+static uint8_t *assemble(const parts *p, uint32_t *size_bytes) {
+    uint32_t head = (uint32_t)(sizeof(struct cr_img_header) + CR_SEC_COUNT * sizeof(struct cr_img_section));
+    uint32_t size = round_up(head);
+    for (uint32_t id = 1; id <= CR_SEC_COUNT; id++) {
+        size += round_up(p->count[id] * p->stride[id]);
+    }
+    uint8_t *image = aligned_alloc(CR_IMG_ALIGN, size);
+    assert_non_null(image);
+    memset(image, 0, size);
+    struct cr_img_header *h = (struct cr_img_header *)(void *)image;
+    memcpy(h->magic, CR_IMG_MAGIC, sizeof h->magic);
+    h->version = CR_IMAGE_VERSION;
+    h->size_bytes = size;
+    h->section_count = CR_SEC_COUNT;
+    uint32_t at = round_up(head);
+    for (uint32_t id = 1; id <= CR_SEC_COUNT; id++) {
+        uint32_t bytes = p->count[id] * p->stride[id];
+        *crt_row(image, id) = (struct cr_img_section){id, at, p->count[id], p->stride[id]};
+        memcpy(image + at, p->bytes[id], bytes);
+        at += round_up(bytes);
+    }
+    crt_seal(image);
+    *size_bytes = size;
+    return image;
+}
+
+uint8_t *crt_image(const crt_solid *solid, const crt_tool *tool, double voxel_m, uint32_t *size_bytes) {
+    parts p;
+    memset(&p, 0, sizeof p);
+    struct cr_img_meta *meta = add_part(&p, CR_SEC_META, 1u, sizeof *meta);
+    fill_meta_of_grid(solid, meta, voxel_m);
+    fill_features(solid, &p);
+    fill_voxmap(solid, meta, &p);
+    fill_shell(tool, &p, meta);
+    uint8_t *image = assemble(&p, size_bytes);
+    for (uint32_t id = 1; id <= CR_SEC_COUNT; id++) {
+        free(p.bytes[id]);
+    }
+    return image;
+}
+
+struct cr_img_section *crt_row(uint8_t *image, uint32_t id) {
+    return (struct cr_img_section *)(void *)(image + sizeof(struct cr_img_header)) + (id - 1u);
+}
+
+void *crt_section(uint8_t *image, uint32_t id) { return image + crt_row(image, id)->offset; }
+
+void crt_seal(uint8_t *image) {
+    struct cr_img_header *h = (struct cr_img_header *)(void *)image;
+    h->crc32 = cr_image_crc(image, h->size_bytes);
+}
+
+/* ---- rigs --------------------------------------------------------------------------------------------------------- */
+
+void crt_restart(crt_rig *rig, const cr_config *config) {
+    cr_config defaults = cr_config_default();
+    const cr_config *c = config != NULL ? config : &defaults;
+    assert_int_equal(cr_world_init(&rig->world, rig->memory, rig->memory_bytes, &rig->scene, c), CR_OK);
+}
+
+void crt_open(crt_rig *rig, const crt_solid *solid, const crt_tool *tool, double voxel_m, const cr_config *config) {
+    cr_config defaults = cr_config_default();
+    memset(rig, 0, sizeof *rig);
+    rig->image = crt_image(solid, tool, voxel_m, &rig->size_bytes);
+    assert_int_equal(cr_scene_open(&rig->scene, rig->image, rig->size_bytes), CR_OK);
+    cr_field_init(&rig->field, &rig->scene);
+    rig->memory_bytes = cr_world_size(&rig->scene, &defaults);
+    assert_true(rig->memory_bytes > 0u);
+    rig->memory = aligned_alloc(CR_IMG_ALIGN, rig->memory_bytes);
+    assert_non_null(rig->memory);
+    crt_restart(rig, config);
+}
+
+void crt_close(crt_rig *rig) {
+    free(rig->memory);
+    free(rig->image);
+    memset(rig, 0, sizeof *rig);
+}
+
+double crt_uniform(uint64_t *seed, double low, double high) {
+    *seed ^= *seed << 13;
+    *seed ^= *seed >> 7;
+    *seed ^= *seed << 17;
+    return low + (high - low) * (double)(*seed >> 11) * 0x1p-53;
+}
+
+cr_quat crt_random_rotation(uint64_t *seed) {
+    double q[4], n = 0.0;
+    do {
+        n = 0.0;
+        for (int i = 0; i < 4; i++) {
+            q[i] = crt_uniform(seed, -1.0, 1.0);
+            n += q[i] * q[i];
+        }
+    } while (n > 1.0 || n < 0.01);
+    n = sqrt(n);
+    cr_quat r = {(float)(q[0] / n), (float)(q[1] / n), (float)(q[2] / n), (float)(q[3] / n)};
+    return r;
+}
+
+cr_quat crt_turn(double x, double y, double z, double angle_rad) {
+    double s = sin(0.5 * angle_rad) / sqrt(x * x + y * y + z * z);
+    cr_quat r = {(float)cos(0.5 * angle_rad), (float)(x * s), (float)(y * s), (float)(z * s)};
+    return r;
+}
+
+cr_pose crt_pose(double x, double y, double z) {
+    cr_pose p = {{(float)x, (float)y, (float)z}, {1.0f, 0.0f, 0.0f, 0.0f}};
+    return p;
+}
+
+static int areas_are_sound(const cr_output *out) {
+    int good = 1;
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        const cr_area *a = &out->areas[i];
+        good &= v3_is_finite(a->normal_world) && v3_is_finite(a->point_world_m) && v3_is_finite(a->force_world_N);
+        good &= is_finite_f(a->depth_m) && a->depth_m >= 0.0f && is_finite_f(a->offset_m) && is_finite_f(a->area_m2);
+        good &= a->zone_count <= CR_ZONES_MAX && fabsf(v3_norm(a->normal_world) - 1.0f) < 1e-4f;
+        for (uint32_t z = 0; good && z < a->zone_count; z++) {
+            const cr_zone *zone = &a->zones[z];
+            good &= v3_is_finite(zone->normal_world) && v3_is_finite(zone->centre_world_m);
+            good &= is_finite_f(zone->radius_m) && is_finite_f(zone->weight_m2) && is_finite_f(zone->offset_m);
+        }
+    }
+    return good;
+}
+
+int crt_is_sound(const cr_output *out, const cr_config *config) {
+    cr_quat q = out->display_pose.rot;
+    int good = v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && v3_is_finite(out->normal_world);
+    good &= v3_is_finite(out->display_pose.pos_m) && is_finite_f(q.w + q.x + q.y + q.z);
+    good &= is_finite_f(out->depth_m) && out->depth_m >= 0.0f && out->area_count <= CR_AREAS_MAX;
+    good &= v3_norm(out->force_world_N) <= config->force_max_N * 1.00001f;
+    return good && areas_are_sound(out);
+}
+
+int crt_same(const cr_output *a, const cr_output *b) {
+    const cr_stats *s = &a->stats, *t = &b->stats;
+    /* What comes before the statistics: no padding in it. */
+    if (memcmp(a, b, offsetof(cr_output, stats)) != 0 || s->contacts != t->contacts || s->clusters != t->clusters ||
+        s->force_limited != t->force_limited || s->zones_dropped != t->zones_dropped ||
+        s->areas_merged != t->areas_merged) {
+        return 0;
+    }
+    for (uint32_t i = 0; i < a->area_count; i++) {
+        const cr_area *p = &a->areas[i], *q = &b->areas[i];
+        if (memcmp(p, q, offsetof(cr_area, zones)) != 0 || memcmp(p->zones, q->zones, p->zone_count * sizeof *p->zones) != 0) {
+            return 0;
+        }
+    }
+    return 1;
+}
