@@ -17,13 +17,15 @@ APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev 
        clang clang-format clang-tidy cppcheck gcovr valgrind
 
 FIRMWARE_C := $(wildcard firmware/*.c)
+PORT_C := $(wildcard firmware/port/linux/*.c)
+PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C))
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
-C_ALL := $(FIRMWARE_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
+C_ALL := $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -114,7 +116,7 @@ CC_cov := gcc
 CFLAGS_cov := -O0 -g --coverage
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
 C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
-INCLUDES := -Ifirmware -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
+INCLUDES := -Ifirmware -Ifirmware/port/linux -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
 
 define VARIANT
 build/$(1)/%.o: %.c
@@ -122,7 +124,7 @@ build/$(1)/%.o: %.c
 	@echo "$(1): $$<"
 	@$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
 
-build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
@@ -136,15 +138,20 @@ build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a build/$(1)/
 build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
 
+build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcrease.a
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lm -lpthread -o $$@
+
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 endef
 $(foreach variant,gcc clang san cov,$(eval $(call VARIANT,$(variant))))
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
-check: build/.host c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
+creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
+
+check: build/.host build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.host c-tests-gcc c-tests-san build/scenes/.stamp ## everything that must pass; ends with one count
+test: build/.host build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
@@ -159,6 +166,22 @@ coverage: build/.host c-tests-cov build/scenes/.stamp ## lines and branches that
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py
+
+bench-loop: build/.host ## stability of the closed loop: the simulator against theory
+	cd tests/bench && $(abspath $(PY)) loop.py
+
+# ----------------------------------------------------------------------------------------------- hardware in the loop
+# Protocol tests on a real vcan0: the kernel's own where there is one, else in User-Mode Linux with virtual time.
+
+HIL_TESTS := tests/bus/test_drive.py tests/bus/test_cli.py $(wildcard tests/hil/test_*.py)
+HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
+
+hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside the checkout)
+	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: this kernel has vcan0"; else tests/hil/lab/build-kernel; fi
+
+hil: build/.host build/gcc/creased hil-kernel ## tests on a real vcan: native, or in User-Mode Linux with virtual time
+	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: vcan0 of this kernel"; $(call HIL_PYTEST,); \
+	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,tests/hil/lab/vcan-run -V); fi
 
 # ---------------------------------------------------------------------------------------------------------- lint
 
@@ -196,5 +219,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes demo check test sanitize coverage bench lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize coverage bench bench-loop hil hil-kernel lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

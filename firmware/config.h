@@ -15,10 +15,10 @@
 #error "CR_TREE_DEPTH_MAX: 2..8 levels"
 #endif
 
-/* Clusters in contact that one tick may keep. 768 clusters are 12,288 points: at 2 mm spacing a patch of 220 x 220 mm.
+/* Clusters in contact that one tick may keep. 704 clusters are 11,264 points: at 2 mm spacing a patch of 210 x 210 mm.
  * What does not fit is left out and counted in stats.clusters_dropped. */
 #ifndef CR_CLUSTERS_MAX
-#define CR_CLUSTERS_MAX 768
+#define CR_CLUSTERS_MAX 704
 #endif
 #if CR_CLUSTERS_MAX < 16 || CR_CLUSTERS_MAX > 65535
 #error "CR_CLUSTERS_MAX: 16..65535 clusters"
@@ -26,7 +26,7 @@
 
 /* (cluster, surface) pairs one tick may keep: a cluster on a crease touches two or three surfaces. */
 #ifndef CR_TOUCHES_MAX
-#define CR_TOUCHES_MAX 512
+#define CR_TOUCHES_MAX 384
 #endif
 #if CR_TOUCHES_MAX < 16 || CR_TOUCHES_MAX > 65535
 #error "CR_TOUCHES_MAX: 16..65535 touches"
@@ -60,7 +60,7 @@
 
 /* Sweeps of the projected Gauss-Seidel solve for the zone weights; see respond.c for the convergence measured. */
 #ifndef CR_SWEEPS_MAX
-#define CR_SWEEPS_MAX 32
+#define CR_SWEEPS_MAX 64
 #endif
 
 #endif

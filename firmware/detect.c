@@ -169,6 +169,7 @@ static cr_touch *find_touch(walk *w, uint32_t first, uint32_t facet) {
     touch->area_m2 = 0.0f;
     touch->normal_sum_m2 = v3(0.0f, 0.0f, 0.0f);
     touch->point_sum_m3 = v3(0.0f, 0.0f, 0.0f);
+    touch->tool_sum_m2 = v3(0.0f, 0.0f, 0.0f);
     return touch;
 }
 
@@ -198,8 +199,35 @@ static uint32_t facet_of_lane(const cr_field *f, const cr_lookup *at, int lane, 
     return best;
 }
 
+static void add_to_touch(cr_touch *touch, float area_m2, cr_vec3 normal, cr_vec3 surface) {
+    touch->area_m2 += area_m2;
+    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area_m2);
+    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area_m2);
+}
+
+/* The other facets that meet in the lane's crease cell, the more the nearer they are: a zone that is inside the tool between its
+ * samples must be known, or the normal could not turn towards it. */
+static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
+    const struct cr_img_kind *kind = &w->scene->kinds[cr_field_kind(w->field, at, lane)];
+    const float reach = w->scene->meta->crease_m;
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
+        cr_vec3 normal = v3_from(facet->normal);
+        float height = v3_dot(normal, p_world) - facet->offset_m;
+        float part = 1.0f - abs_f(height - at->phi_m[lane]) / reach;
+        if (kind->facet[k] == at->facet[lane] || part <= 0.0f) {
+            continue;
+        }
+        cr_touch *touch = find_touch(w, first, kind->facet[k]);
+        if (touch != NULL) {
+            add_to_touch(touch, area_m2 * part, normal, v3_mad(p_world, normal, -height));
+        }
+    }
+}
+
 /* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
-static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
+static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
+                          cr_vec3 area_tool) {
     uint32_t index = facet_of_lane(w->field, at, lane, p_world);
     if (index == CR_FACET_NONE) {
         return;
@@ -211,10 +239,11 @@ static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane
     if (touch == NULL) {
         return;
     }
-    cr_vec3 surface = v3_mad(p_world, gradient, -at->phi_m[lane]);
-    touch->area_m2 += area_m2;
-    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area_m2);
-    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area_m2);
+    add_to_touch(touch, area_m2, normal, v3_mad(p_world, gradient, -at->phi_m[lane]));
+    touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, area_tool);
+    if ((at->from_facet >> lane) & 1u) {
+        touch_beside(w, first, at, lane, p_world, area_m2);
+    }
 }
 
 /* A cluster that is inside as a whole: sums from the image, surface from its centre. */
@@ -225,14 +254,14 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     }
     uint32_t first = w->set->touch_count;
     hit->inside = 0xffffu;
-    hit->near = 0u;
+    hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
     hit->whole = 1u;
     hit->sum = w->scene->sums[cluster];
     w->stats->contacts += w->scene->clusters[cluster].count;
     w->stats->clusters++;
     if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-        touch_surface(w, first, &b->centres, lane, p, hit->sum.area);
+        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
     }
 }
 
@@ -302,7 +331,7 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     uint32_t first = w->set->touch_count;
     uint32_t outside = lanes_where_below(negative, zero);
     hit->inside = (uint16_t)(~outside & 0xffffu);
-    hit->near = (uint16_t)(outside & lanes_where_below(at.phi_m, c->reach));
+    hit->near = (uint16_t)((outside | c->crease_mask) & lanes_where_below(at.phi_m, c->reach));
     hit->whole = 0u;
     cr_sum_cluster(c, coverage, &hit->sum);
     w->stats->contacts += count_bits((uint32_t)hit->inside & ((1u << c->count) - 1u));
@@ -311,7 +340,8 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     while (covered != 0u) {
         int i = take_lane(&covered);
         float area = c->area[i] * coverage[i];
-        touch_surface(w, first, &at, i, v3(world.x[i], world.y[i], world.z[i]), area);
+        cr_vec3 area_tool = v3_scale(v3(c->ax[i], c->ay[i], c->az[i]), coverage[i]);
+        touch_surface(w, first, &at, i, v3(world.x[i], world.y[i], world.z[i]), area, area_tool);
     }
     return 0.0f;
 }

@@ -146,12 +146,13 @@ struct cr_img_cluster {
      * g varies across the piece. m^2. */
     float wxx[CR_LANES], wyy[CR_LANES], wzz[CR_LANES], wxy[CR_LANES], wyz[CR_LANES], wzx[CR_LANES];
     float ramp[CR_LANES];  /* half the largest such width for a unit gradient: where coverage can begin, m */
-    float reach[CR_LANES]; /* how far the sample may stand for the surface between it and its neighbours, m */
+    float reach[CR_LANES]; /* how far the sample may stand for the surface round it, m; half the length of a crease piece */
     uint32_t count;        /* lanes in use */
-    uint32_t vertex_mask;  /* lanes that are mesh vertices */
+    uint32_t vertex_mask;   /* lanes that are corners or other vertices of the mesh */
+    uint32_t crease_mask;   /* lanes that are straight pieces of creases: their middles */
     float normal[3];       /* mean outward normal, unit or zero */
     float radius_m;        /* sphere about the mean position that holds the points */
-    float pad[10];
+    float pad[9];
 };
 
 /* Sums of a cluster with every lane at full coverage, in the lane order of the tick. */

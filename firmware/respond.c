@@ -1,16 +1,17 @@
 /* respond: from zones to normal, contact plane and depth of each area. DESIGN.md "Zones and area normal".
  *
- * Every response answers one question, how much each zone of an area weighs; plane, depth and splitting at concave creases are
- * the same for all of them. The method as published (hard coverage) differs in plane point and internal vertices too and has
- * its own path at the end of the file. */
+ * Weights of the zones by cone decomposition, plane, depth and splitting at concave creases are the same for every response; a
+ * response may turn the normal. The method as published (hard coverage) has its own path. */
 #include "stages.h"
 
-/* Pull of the zone weights to zero. ALWAYS breaks ties between more than three zones; larger biases the direction. UNSEEN
- * acts on zones that less than about one sample sees, so that a zone appears and leaves with weight zero. */
-#define PULL_ALWAYS 1e-3f
+/* Pull of a zone's weight to the tool area facing it: breaks ties between dependent zones; larger biases the direction. */
+#define PULL_FACING 1e-3f
+/* Pull to zero on a zone that less than about one sample sees, so that it appears and leaves with weight zero. */
 #define PULL_UNSEEN 0.05f
 /* A curved zone may turn the normal this many standard deviations away from its mean. */
 #define SPREAD_REACH 2.5f
+/* Sweeps over the zones' planes to find their common point; two planes at 30 degrees converge by 0.75 a sweep. */
+#define COMMON_POINT_SWEEPS 24
 /* Share of closed surface below which an area has no direction: the tool is wholly inside. */
 #define OPEN_MIN 0.01f
 
@@ -23,24 +24,27 @@ typedef struct {
 
 static float dot_zone(const cr_area_work *a, uint32_t i, cr_vec3 v) { return v3_dot(a->zones[i].normal_world, v); }
 
-/* Cone decomposition: s = sum alpha_i n_i, alpha_i >= 0, least squares. Where zones are dependent (more than three) a weak
- * pull to zero picks the solution; it grows as fewer samples see a zone, so that zones come and go continuously. Projected
- * Gauss-Seidel. */
-static void weigh_by_cone(const cr_scene *scene, const cr_area_work *a, cr_vec3 s, float *alpha) {
-    float pull[CR_ZONES_MAX], seen = 0.0f, h = scene->meta->spacing_m;
+/* Cone decomposition: s = sum alpha_i n_i, alpha_i >= 0, least squares. Where zones are dependent (parallel, or more than three)
+ * a weak pull to the tool area that faces each zone picks the solution; a pull to zero acts on zones that hardly any sample
+ * sees, so that they come and go continuously. Projected Gauss-Seidel. */
+static void weigh_by_cone(const cr_respond_input *in, const cr_area_work *a, cr_vec3 s, float *alpha) {
+    float rarity[CR_ZONES_MAX], facing[CR_ZONES_MAX], seen = 0.0f, h = in->field->scene->meta->spacing_m;
     cr_vec3 left = s;
     for (uint32_t i = 0; i < a->zone_count; i++) {
         seen += a->zones[i].area_m2;
     }
     for (uint32_t i = 0; i < a->zone_count; i++) {
-        float rarity = min_f(h * h, seen) / a->zones[i].area_m2;
-        pull[i] = PULL_ALWAYS + PULL_UNSEEN * rarity * rarity;
-        alpha[i] = 0.0f;
+        float rare = min_f(h * h, seen) / a->zones[i].area_m2;
+        rarity[i] = PULL_UNSEEN * rare * rare;
+        cr_vec3 flux = xform_rotate(in->world_from_tool, a->shapes[i].tool_sum_m2);
+        facing[i] = alpha[i] = max_f(0.0f, -dot_zone(a, i, flux));
+        left = v3_mad(left, a->zones[i].normal_world, -alpha[i]);
     }
     for (int sweep = 0; sweep < CR_SWEEPS_MAX; sweep++) {
         float moved = 0.0f;
         for (uint32_t i = 0; i < a->zone_count; i++) {
-            float step = (dot_zone(a, i, left) - pull[i] * alpha[i]) / (1.0f + pull[i]);
+            float pull = PULL_FACING * (facing[i] - alpha[i]) - rarity[i] * alpha[i];
+            float step = (dot_zone(a, i, left) + pull) / (1.0f + PULL_FACING + rarity[i]);
             float next = max_f(0.0f, alpha[i] + step);
             left = v3_mad(left, a->zones[i].normal_world, alpha[i] - next);
             moved = max_f(moved, abs_f(next - alpha[i]));
@@ -52,24 +56,33 @@ static void weigh_by_cone(const cr_scene *scene, const cr_area_work *a, cr_vec3 
     }
 }
 
-/* The method [1] is compared with: every zone counts the same, 45 degrees at a right-angled edge. */
-static void weigh_equally(const cr_scene *scene, const cr_area_work *a, cr_vec3 s, float *alpha) {
-    (void)scene;
-    float share = v3_norm(s) / (float)(a->zone_count > 0u ? a->zone_count : 1u);
-    for (uint32_t i = 0; i < a->zone_count; i++) {
-        alpha[i] = share;
-    }
+/* Normal of a group of zones, given the one from the cone decomposition. */
+typedef cr_vec3 (*turn_fn)(const cr_area_work *area, const float *share, cr_vec3 n);
+
+static cr_vec3 keep_normal(const cr_area_work *a, const float *share, cr_vec3 n) {
+    (void)a;
+    (void)share;
+    return n;
 }
 
-typedef void (*weigh_fn)(const cr_scene *scene, const cr_area_work *area, cr_vec3 s, float *alpha);
+/* The method [1] is compared with: at a corner every zone counts the same, 45 degrees at a right-angled edge. The penetration is
+ * that of the zones, so that only the direction differs. */
+static cr_vec3 turn_to_45(const cr_area_work *a, const float *share, cr_vec3 n) {
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        sum = share[i] > 0.0f ? v3_add(sum, a->zones[i].normal_world) : sum;
+    }
+    float length = v3_norm(sum);
+    return length > 1e-3f ? v3_scale(sum, 1.0f / length) : n;
+}
 
 /* The response table: config->response selects a row. */
 static const struct {
-    weigh_fn weigh;
-    uint32_t bends; /* 1: curved zones may turn towards the tool's normal sum */
+    turn_fn turn;
+    uint32_t as_published; /* 1: hard coverage selects the method to the letter of [1] */
 } responses[CR_RESPONSE_COUNT] = {
-    [CR_RESPONSE_ZONES] = {weigh_by_cone, 1u},
-    [CR_RESPONSE_FIXED45] = {weigh_equally, 0u},
+    [CR_RESPONSE_ZONES] = {keep_normal, 1u},
+    [CR_RESPONSE_FIXED45] = {turn_to_45, 0u},
 };
 
 /* Where the piece of surface of a sample just outside crosses the static surface: the way down is along W g, W the second moment
@@ -85,6 +98,23 @@ static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, 
         return 0;
     }
     *p_world = v3_mad(*p_world, xform_rotate(pose, way), -phi / fall);
+    return 1;
+}
+
+/* Lowest point along n of a straight piece of crease, as far as it is inside: an end, or where it crosses the surface. */
+static int lowest_of_crease(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane, cr_vec3 n_tool,
+                            cr_vec3 *p_world) {
+    cr_vec3 way = v3(c->wxx[lane] * n_tool.x + c->wxy[lane] * n_tool.y + c->wzx[lane] * n_tool.z,
+                     c->wxy[lane] * n_tool.x + c->wyy[lane] * n_tool.y + c->wyz[lane] * n_tool.z,
+                     c->wzx[lane] * n_tool.x + c->wyz[lane] * n_tool.y + c->wzz[lane] * n_tool.z);
+    cr_vec3 down = v3_scale(v3_unit(way, 0.0f), -c->reach[lane]);
+    cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
+    float phi = at->phi_m[lane], rise = v3_dot(g, down);
+    float part = phi + rise <= 0.0f ? 1.0f : -phi / rise;
+    if (!(part >= -1.0f && part <= 1.0f)) {
+        return 0;
+    }
+    *p_world = v3_mad(*p_world, xform_rotate(pose, down), part);
     return 1;
 }
 
@@ -105,27 +135,61 @@ static int lane_is_on(const cr_field *f, const cr_lookup *at, int lane, uint32_t
     return 0;
 }
 
-/* Support of one cluster's touched surface along a direction, for lanes on a patch. */
-static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, uint32_t patch, cr_vec3 along,
-                                float best) {
+/* Moves the chosen lanes of a cluster to where their pieces of surface enter the object: towards lowest n for creases. Two steps:
+ * near an edge of the static object the distance bends, so where the first step lands is looked at again. Lanes whose piece stays
+ * outside leave the set. */
+static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool, const cr_lookup *at,
+                         cr_lanes3 *world, uint32_t *lanes) {
+    cr_lookup again;
+    for (uint32_t left = *lanes; left != 0u;) {
+        int i = take_lane(&left);
+        cr_vec3 p = lane_of(world, i);
+        int found = ((c->crease_mask >> i) & 1u) ? lowest_of_crease(c, at, in->world_from_tool, i, n_tool, &p)
+                                                 : clip_to_surface(c, at, in->world_from_tool, i, &p);
+        *lanes &= found ? *lanes : ~(1u << i);
+        world->x[i] = p.x;
+        world->y[i] = p.y;
+        world->z[i] = p.z;
+    }
+    if (*lanes == 0u) {
+        return;
+    }
+    cr_field_look_up(in->field, world, &again);
+    for (uint32_t left = *lanes; left != 0u;) {
+        int i = take_lane(&left);
+        cr_vec3 p = lane_of(world, i);
+        int found = again.phi_m[i] <= 0.0f || clip_to_surface(c, &again, in->world_from_tool, i, &p);
+        *lanes &= found ? *lanes : ~(1u << i);
+        world->x[i] = p.x;
+        world->y[i] = p.y;
+        world->z[i] = p.z;
+    }
+}
+
+/* Support of one cluster's touched surface along a direction, for lanes on a patch: nearest surface points of the lanes inside,
+ * and where the others enter. */
+static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, uint32_t patch, cr_vec3 along, float best) {
     const cr_scene *s = in->field->scene;
     const struct cr_img_cluster *c = &s->clusters[hit->cluster];
     cr_lanes3 world;
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up(in->field, &world, &at);
+    uint32_t near = 0u;
     for (int i = 0; i < (int)c->count; i++) {
-        cr_vec3 p = lane_of(&world, i);
-        int inside = (hit->inside >> i) & 1;
         if (abs_f(at.phi_m[i]) >= s->meta->band_m || !lane_is_on(in->field, &at, i, patch)) {
             continue;
         }
-        if (inside) {
-            p = v3_mad(p, v3(at.gx[i], at.gy[i], at.gz[i]), -at.phi_m[i]);
-        } else if (!((hit->near >> i) & 1) || !clip_to_surface(c, &at, in->world_from_tool, i, &p)) {
-            continue;
+        if ((hit->inside >> i) & 1) {
+            cr_vec3 q = v3_mad(lane_of(&world, i), v3(at.gx[i], at.gy[i], at.gz[i]), -at.phi_m[i]);
+            best = max_f(best, v3_dot(along, q));
+        } else {
+            near |= (uint32_t)hit->near & ~c->crease_mask & (1u << i);
         }
-        best = max_f(best, v3_dot(along, p));
+    }
+    enter_pieces(in, c, along, &at, &world, &near);
+    while (near != 0u) {
+        best = max_f(best, v3_dot(along, lane_of(&world, take_lane(&near))));
     }
     return best;
 }
@@ -176,52 +240,74 @@ static uint32_t zones_of_hit(const cr_respond_input *in, const cr_area_work *a, 
     return bits;
 }
 
-/* Lowest normal . p of a cluster's internal points; best is the lowest so far. */
-static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, cr_vec3 n_tool, float shift, float best) {
+/* The internal points that measure the depth of one group of zones. */
+typedef struct {
+    cr_vec3 n_world, n_tool;
+    float shift_m;           /* n . p = n_tool . p_tool + shift */
+    const cr_area_work *area;
+    uint32_t behind;         /* zones behind whose plane a point has to lie: those of a split area, when planar */
+} probe;
+
+static int lies_behind(const probe *d, cr_vec3 p_world) {
+    for (uint32_t left = d->behind; left != 0u;) {
+        const cr_zone *zone = &d->area->zones[take_lane(&left)];
+        if (v3_dot(zone->normal_world, p_world) > zone->offset_m) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Lowest n . p of a cluster's internal points; best is the lowest so far. */
+static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
     const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
     uint32_t lanes = in->config->vertices_only ? hit->inside & c->vertex_mask : hit->inside;
     float height[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
-        height[i] = c->x[i] * n_tool.x + c->y[i] * n_tool.y + c->z[i] * n_tool.z + shift;
+        height[i] = c->x[i] * d->n_tool.x + c->y[i] * d->n_tool.y + c->z[i] * d->n_tool.z + d->shift_m;
     }
     for (int i = 0; i < CR_LANES; i++) {
-        best = ((lanes >> i) & 1u) ? min_f(best, height[i]) : best;
+        if (((lanes >> i) & 1u) && height[i] < best &&
+            (d->behind == 0u || lies_behind(d, xform_point(in->world_from_tool, v3(c->x[i], c->y[i], c->z[i]))))) {
+            best = height[i];
+        }
     }
     return best;
 }
 
-/* The same for lanes just outside, at the point where their surface enters the object. */
-static float lowest_near(const cr_respond_input *in, const cr_hit *hit, cr_vec3 n_world, cr_vec3 n_tool, float shift,
-                         float best) {
+/* The same for pieces of surface that reach in where their sample does not. */
+static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
     const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
-    int worth = 0;
+    uint32_t lanes = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        float height = c->x[i] * n_tool.x + c->y[i] * n_tool.y + c->z[i] * n_tool.z + shift;
-        worth |= ((hit->near >> i) & 1) && height - c->reach[i] < best;
+        float height = c->x[i] * d->n_tool.x + c->y[i] * d->n_tool.y + c->z[i] * d->n_tool.z + d->shift_m;
+        lanes |= (uint32_t)(height - c->reach[i] < best) << i;
     }
-    if (!worth) {
+    lanes &= hit->near & ((1u << c->count) - 1u);
+    if (lanes == 0u) {
         return best;
     }
     cr_lanes3 world;
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up(in->field, &world, &at);
-    for (int i = 0; i < (int)c->count; i++) {
-        cr_vec3 p = lane_of(&world, i);
-        if (((hit->near >> i) & 1) && clip_to_surface(c, &at, in->world_from_tool, i, &p)) {
-            best = min_f(best, v3_dot(n_world, p));
-        }
+    enter_pieces(in, c, d->n_tool, &at, &world, &lanes);
+    while (lanes != 0u) {
+        cr_vec3 p = lane_of(&world, take_lane(&lanes));
+        best = lies_behind(d, p) ? min_f(best, v3_dot(d->n_world, p)) : best;
     }
     return best;
 }
 
 /* Lowest point of the area's internal surface along n; zone bits restrict it to hits of these zones (or of none). */
-static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, uint32_t zones, cr_vec3 n,
-                         float start) {
-    cr_vec3 n_tool = xform_unrotate(in->world_from_tool, n);
-    float shift = v3_dot(n, in->world_from_tool->t);
+static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, const cr_zone_shape *shapes,
+                         uint32_t zones, cr_vec3 n, float start) {
+    probe d = {n, xform_unrotate(in->world_from_tool, n), v3_dot(n, in->world_from_tool->t), a, 0u};
     float best = start;
     uint32_t all = (1u << a->zone_count) - 1u;
+    for (uint32_t z = 0; z < a->zone_count && zones != all; z++) {
+        d.behind |= (uint32_t)(((zones >> z) & 1u) && !shapes[z].curved) << z;
+    }
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;
         for (uint32_t h = 0; h < in->set->hit_count; h++) {
@@ -231,9 +317,9 @@ static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_are
                 continue;
             }
             if (near) {
-                best = hit->near ? lowest_near(in, hit, n, n_tool, shift, best) : best;
+                best = hit->near ? lowest_near(in, hit, &d, best) : best;
             } else {
-                best = lowest_inside(in, hit, n_tool, shift, best);
+                best = lowest_inside(in, hit, &d, best);
             }
         }
     }
@@ -256,15 +342,21 @@ static uint32_t pair_label(const cr_scene *s, uint32_t a, uint32_t b) {
                                                                                                  : 0u;
 }
 
-/* Do two zones meet at a concave crease? The crease label decides; where patches share creases of both kinds, or none, it is
- * concave when each zone lies above the plane of the other. */
-static int is_concave(const cr_scene *s, const cr_zone *a, const cr_zone *b) {
+/* How two zones of one area meet. The label of their crease decides. Where they share creases of both kinds it is concave when
+ * each lies above the plane of the other; where they share none, they belong together when each lies below. */
+enum { ZONES_APART, ZONES_LINKED, ZONES_CONCAVE };
+
+static int how_zones_meet(const cr_scene *s, const cr_zone *a, const cr_zone *b) {
     uint32_t label = pair_label(s, a->patch, b->patch);
     if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
-        return label == CR_PAIR_CONCAVE;
+        return label == CR_PAIR_CONVEX ? ZONES_LINKED : ZONES_CONCAVE;
     }
     cr_vec3 d = v3_sub(b->centre_world_m, a->centre_world_m);
-    return v3_dot(a->normal_world, d) > 0.0f && v3_dot(b->normal_world, d) < 0.0f;
+    float b_above_a = v3_dot(a->normal_world, d), a_above_b = -v3_dot(b->normal_world, d);
+    if (label != 0u) {
+        return b_above_a > 0.0f && a_above_b > 0.0f ? ZONES_CONCAVE : ZONES_LINKED;
+    }
+    return b_above_a <= 0.0f && a_above_b <= 0.0f ? ZONES_LINKED : ZONES_APART;
 }
 
 /* Concave creases split an area: each zone that has one with a zone it is also linked to round the outside leads an area of
@@ -272,18 +364,20 @@ static int is_concave(const cr_scene *s, const cr_zone *a, const cr_zone *b) {
  * fades in or out moves nothing. share[g][z] in 0..1; returns the number of groups. */
 static uint32_t split_at_creases(const cr_scene *s, const cr_area_work *a, const float *alpha,
                                  float share[][CR_ZONES_MAX]) {
-    uint32_t n = a->zone_count, concave[CR_ZONES_MAX] = {0u}, component[CR_ZONES_MAX], lead[CR_ZONES_MAX] = {0u};
+    uint32_t n = a->zone_count, concave[CR_ZONES_MAX] = {0u}, linked[CR_ZONES_MAX] = {0u};
+    uint32_t component[CR_ZONES_MAX], lead[CR_ZONES_MAX] = {0u};
     for (uint32_t i = 0; i < n; i++) {
         component[i] = i;
         for (uint32_t j = 0; j < i; j++) {
-            int is = is_concave(s, &a->zones[i], &a->zones[j]);
-            concave[i] |= (uint32_t)is << j;
-            concave[j] |= (uint32_t)is << i;
+            int how = how_zones_meet(s, &a->zones[i], &a->zones[j]);
+            concave[i] |= (uint32_t)(how == ZONES_CONCAVE) << j;
+            concave[j] |= (uint32_t)(how == ZONES_CONCAVE) << i;
+            linked[i] |= (uint32_t)(how == ZONES_LINKED) << j;
         }
     }
     for (uint32_t i = 0; i < n; i++) {
         for (uint32_t j = 0; j < i; j++) {
-            if (!((concave[i] >> j) & 1u) && component[i] != component[j]) {
+            if (((linked[i] >> j) & 1u) && component[i] != component[j]) {
                 uint32_t from = component[i], to = component[j];
                 for (uint32_t k = 0; k < n; k++) {
                     component[k] = component[k] == from ? to : component[k];
@@ -320,6 +414,92 @@ static uint32_t split_at_creases(const cr_scene *s, const cr_area_work *a, const
     }
     return groups;
 }
+
+/* ---- the method as published [1] ---------------------------------------------------------------------------------- */
+
+/* Normal of an area: its zone's; with two zones the reversed tool normals in the plane of the zone normals; with more, as is. */
+static cr_vec3 published_normal(const cr_area_work *a, cr_vec3 s) {
+    if (a->zone_count == 1u) {
+        return a->zones[0].normal_world;
+    }
+    if (a->zone_count == 2u) {
+        cr_vec3 across = v3_unit(v3_cross(a->zones[0].normal_world, a->zones[1].normal_world), 1e-6f);
+        s = v3_mad(s, across, -v3_dot(s, across));
+    }
+    return v3_unit(s, 1e-6f * a->sum.area);
+}
+
+/* Point of the contact plane: the sphere's centre, or where the planes of several zones meet (their common vertex or a point of
+ * their common edge), by projecting onto one after the other. */
+static cr_vec3 published_point(const cr_area_work *a) {
+    cr_vec3 p = v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        p = v3_mad(p, a->zones[i].centre_world_m, 1.0f / (float)a->zone_count);
+    }
+    for (int sweep = 0; sweep < COMMON_POINT_SWEEPS && a->zone_count > 1u; sweep++) {
+        for (uint32_t i = 0; i < a->zone_count; i++) {
+            const cr_zone *zone = &a->zones[i];
+            p = v3_mad(p, zone->normal_world, zone->offset_m - v3_dot(zone->normal_world, p));
+        }
+    }
+    return p;
+}
+
+/* In the inner half of some zone's sphere. */
+static int is_internal(const cr_area_work *a, cr_vec3 p) {
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        cr_vec3 d = v3_sub(p, a->zones[i].centre_world_m);
+        float r = a->zones[i].radius_m;
+        if (v3_dot(d, d) <= r * r && v3_dot(d, a->zones[i].normal_world) < 0.0f) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Lowest n . p of the internal vertices, the contact plane at least. */
+static float published_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, cr_vec3 n, float start) {
+    float best = start;
+    for (uint32_t h = 0; h < in->set->hit_count; h++) {
+        const cr_hit *hit = &in->set->hits[h];
+        if (hit->area != area) {
+            continue;
+        }
+        const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
+        cr_lanes3 world;
+        cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
+        uint32_t lanes = ((1u << c->count) - 1u) & (in->config->vertices_only ? c->vertex_mask : 0xffffu);
+        while (lanes != 0u) {
+            cr_vec3 p = lane_of(&world, take_lane(&lanes));
+            float height = v3_dot(n, p);
+            best = height < best && is_internal(a, p) ? height : best;
+        }
+    }
+    return best;
+}
+
+static void report_area(const cr_area_work *a, const float *alpha, const float *share, cr_area *out);
+
+static uint32_t answer_as_published(const cr_respond_input *in, uint32_t index, const cr_area_work *a, cr_vec3 s, cr_area *out) {
+    float whole[CR_ZONES_MAX], weight[CR_ZONES_MAX];
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        whole[i] = 1.0f;
+        weight[i] = a->zones[i].area_m2;
+    }
+    cr_vec3 n = published_normal(a, s);
+    out->normal_world = n;
+    out->offset_m = v3_dot(n, published_point(a));
+    out->depth_m = out->offset_m - published_lowest(in, index, a, n, out->offset_m);
+    if (!(out->depth_m > 0.0f) || !(v3_dot(n, n) > 0.5f)) {
+        return 0u;
+    }
+    out->point_world_m =
+        xform_point(in->world_from_tool, v3_scale(v3(a->sum.px, a->sum.py, a->sum.pz), 1.0f / a->sum.area));
+    report_area(a, weight, whole, out);
+    return 1u;
+}
+
+/* ---- areas -------------------------------------------------------------------------------------------------------- */
 
 /* Where the force of a group acts: the area's centroid, moved by how far the group's zones lie from the middle of all. */
 static cr_vec3 acting_point(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share) {
@@ -362,7 +542,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     for (uint32_t i = 0; i < a->zone_count; i++) {
         sum = v3_mad(sum, w->vector_m2[i], share[i]);
         offset += w->offset_m3[i] * share[i];
-        bits |= (uint32_t)(share[i] > 0.0f) << i;
+        bits |= (uint32_t)(share[i] >= 1.0f) << i;
     }
     float length = v3_norm(sum);
     if (!(length > 1e-6f * a->sum.area)) {
@@ -370,12 +550,13 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
     out->offset_m = offset / length;
-    float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
+    float lowest = find_lowest(in, index, a, a->shapes, bits, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
     out->depth_m = (out->offset_m - lowest) * min_f(1.0f, open);
     if (!(out->depth_m > 0.0f)) {
         return 0;
     }
+    out->normal_world = responses[in->config->response].turn(a, share, out->normal_world);
     out->point_world_m = acting_point(in, a, w, share);
     report_area(a, w->alpha, share, out);
     return 1;
@@ -387,7 +568,10 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
     float share[CR_ZONES_MAX][CR_ZONES_MAX];
     uint32_t made = 0u;
     cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
-    responses[in->config->response].weigh(in->field->scene, a, s, w.alpha);
+    if (in->config->coverage == CR_COVERAGE_HARD && responses[in->config->response].as_published) {
+        return answer_as_published(in, index, a, s, out);
+    }
+    weigh_by_cone(in, a, s, w.alpha);
     make_generators(in, index, a, s, &w);
     uint32_t groups = split_at_creases(in->field->scene, a, w.alpha, share);
     for (uint32_t g = 0; g < groups && made < room; g++) {

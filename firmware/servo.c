@@ -129,15 +129,16 @@ static uint32_t read_axis(cr_servo *s, int a) {
     const cr_drive *drive = &s->bus.drive[a];
     if (drive->state_count == 0u) {
         s->stale = 1u;
+        s->missed[a]++;
         return 0u;
     }
+    /* Through bridged periods the joint may have moved on. */
     float moved = counts_between(drive->counts, s->counts[a]) * abs_f(axis->step);
+    float most = axis->jump_max * (float)(1u + s->missed[a]);
+    s->missed[a] = 0u;
     s->counts[a] = drive->counts;
     s->joints.joint[a] = axis->offset + axis->step * (float)drive->counts;
-    /* After bridged periods the joint may have moved on for as long. */
-    float periods = (float)(1u + s->config.bus.missing_max);
-    return s->has_counts && moved > axis->jump_max * (s->control.has_before ? 1.0f : periods) ? (uint32_t)CR_FAULT_JUMP
-                                                                                             : 0u;
+    return s->has_counts && moved > most ? (uint32_t)CR_FAULT_JUMP : 0u;
 }
 
 static uint32_t read_wrist(cr_servo *s) {
@@ -206,18 +207,19 @@ static uint32_t find_events(cr_servo *s, uint32_t inputs, uint32_t faults) {
     events |= s->bus.phase == CR_PHASE_RUN ? (uint32_t)CR_EVENT_DRIVES_ENABLED : 0u;
     events |= s->mode == CR_MODE_CALIBRATING && !s->stale && is_resting(s) ? (uint32_t)CR_EVENT_RESTED : 0u;
     events |= (inputs & CR_COMMAND_START) != 0u ? (uint32_t)CR_EVENT_START : 0u;
-    events |= (inputs & CR_COMMAND_STOP) != 0u ? (uint32_t)CR_EVENT_STOP : 0u;
+    events |= (inputs & (CR_COMMAND_STOP | CR_COMMAND_OFF)) != 0u ? (uint32_t)CR_EVENT_STOP : 0u;
     return events;
 }
 
-/* Everything from the start, drives included: what made the fault may have reset them. */
+/* Everything from the start, drives included: what made a fault may have reset them. */
 static void restart(cr_servo *s) {
     cr_bus_reset(&s->bus);
     cr_control_reset(&s->control);
     cr_world_clear_fault(s->world);
     s->faults = s->first_fault = 0u;
     s->has_counts = s->rest_ticks = 0u;
-    s->mode = cr_mode_next(s->mode, CR_EVENT_CLEAR);
+    memset(s->missed, 0, sizeof s->missed);
+    s->mode = CR_MODE_INIT;
 }
 
 static void fail(cr_servo *s, uint32_t faults) {
@@ -232,7 +234,7 @@ static void step_mode(cr_servo *s, uint32_t inputs, uint32_t faults) {
     if (before == CR_MODE_FAULT) {
         /* Switched off, no drive is enabled: that is not news. */
         s->faults |= faults & ~(uint32_t)CR_FAULT_DRIVE_STATE;
-        if ((inputs & CR_COMMAND_CLEAR) != 0u) {
+        if (cr_mode_next(before, (inputs & CR_COMMAND_CLEAR) != 0u ? (uint32_t)CR_EVENT_CLEAR : 0u) == CR_MODE_INIT) {
             restart(s);
         }
         return;
@@ -335,7 +337,7 @@ static uint32_t sense_and_touch(cr_servo *s, uint32_t faults, float period_s) {
 }
 
 void cr_servo_tick(cr_servo *s, uint64_t now_ns, float period_s, cr_tx *tx) {
-    uint32_t inputs = s->inputs;
+    uint32_t inputs = (s->inputs & ~(uint32_t)CR_INPUT_NO_SYNC) | (s->synced ? 0u : (uint32_t)CR_INPUT_NO_SYNC);
     cr_control_output out;
     int16_t target[CR_AXES];
     tx->count = 0u;
@@ -352,7 +354,11 @@ void cr_servo_tick(cr_servo *s, uint64_t now_ns, float period_s, cr_tx *tx) {
     for (int a = 0; a < CR_AXES; a++) {
         target[a] = cr_per_mille(out.torque[a], s->config.axis[a].rated, s->config.axis[a].torque_max);
     }
-    cr_bus_transmit(&s->config.bus, &s->bus, target, s->mode == CR_MODE_FAULT, now_ns, &s->counters, tx);
+    int off = s->mode == CR_MODE_FAULT || (inputs & CR_COMMAND_OFF) != 0u;
+    cr_bus_transmit(&s->config.bus, &s->bus, target, off, now_ns, &s->counters, tx);
+    if (off && s->mode != CR_MODE_FAULT) {
+        restart(s);
+    }
     record_outputs(s, &out, target);
     s->last_now_ns = now_ns;
     s->last_sync_ns = s->sync_ns;
@@ -421,7 +427,9 @@ static void feed(cr_servo *s, const cr_record *r) {
             cr_servo_rx(s, &r->frames[i]);
         }
     }
-    cr_servo_sync(s, r->sync_ns, &tx);
+    if ((r->inputs & CR_INPUT_NO_SYNC) == 0u) {
+        cr_servo_sync(s, r->sync_ns, &tx);
+    }
     for (uint32_t i = 0; i < count; i++) {
         if ((r->frames[i].flags & CR_FRAME_EARLY) == 0u) {
             cr_servo_rx(s, &r->frames[i]);

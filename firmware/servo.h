@@ -166,8 +166,10 @@ enum {
     CR_COMMAND_START = 1u,
     CR_COMMAND_STOP = 2u,
     CR_COMMAND_CLEAR = 4u,
+    CR_COMMAND_OFF = 64u,     /* zero torque, drives switched off in this tick, then from the start; not in fault */
     CR_INPUT_BUS_OFF = 8u,    /* the controller left the bus */
-    CR_INPUT_SEND_FAILED = 16u /* a frame of the last call could not be sent */
+    CR_INPUT_SEND_FAILED = 16u, /* a frame of the last call could not be sent */
+    CR_INPUT_NO_SYNC = 32u /* in records only: the tick came without its SYNC */
 };
 
 enum {
@@ -258,7 +260,7 @@ typedef struct {
     uint32_t spare[8]; /* 0 */
     /* of the port, not of the servo: not compared by a re-run */
     uint32_t wake_late_ns; /* start of the period after its time */
-    uint32_t tick_ns;      /* cost of the tick before */
+    uint32_t tick_ns;      /* cost of the tick */
 } cr_record;
 #define CR_RECORD_BYTES 512
 

@@ -176,6 +176,7 @@ struct cr_servo {
     cr_frame frames[CR_RX_MAX];
     int32_t wrist_counts[3], counts[CR_AXES], rest_counts[CR_AXES];
     uint32_t has_counts, rest_ticks, stale;
+    uint32_t missed[CR_AXES]; /* periods since the last sample */
     cr_output output;
 };
 

@@ -54,7 +54,7 @@ void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float
 typedef struct {
     uint32_t cluster;
     uint16_t inside; /* lanes with phi <= 0 */
-    uint16_t near;   /* lanes with 0 < phi < reach, where the surface between samples may still be inside */
+    uint16_t near;   /* lanes whose piece of surface may be inside where the sample is not: 0 < phi < reach, and creases */
     uint16_t area;   /* set by zones: index of the contact area */
     uint16_t whole;  /* 1: every lane fully covered */
     struct cr_img_sum sum;
@@ -68,6 +68,7 @@ typedef struct {
     float area_m2;         /* coverage times tool area, projected on the surface */
     cr_vec3 normal_sum_m2; /* area times surface normal, world */
     cr_vec3 point_sum_m3;  /* area times nearest surface point, world */
+    cr_vec3 tool_sum_m2; /* covered area vectors of the tool there, tool frame */
 } cr_touch;
 
 typedef struct {
@@ -112,6 +113,7 @@ typedef struct {
     uint32_t curved;  /* 1: more than one facet, plane found by support */
     uint32_t facet;   /* the facet, when there is one */
     float spread_rad; /* standard deviation of its normals; 0 when planar */
+    cr_vec3 tool_sum_m2; /* covered area vectors of the tool next to the zone, tool frame */
 } cr_zone_shape;
 
 /* A contact area between zones and respond. Sums in the tool frame. */

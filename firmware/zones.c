@@ -112,6 +112,7 @@ static void add_touch(const cr_scene *s, const cr_touch *touch, cr_area_work *ar
     zone->area_m2 += touch->area_m2;
     zone->normal_world = v3_add(zone->normal_world, touch->normal_sum_m2);
     zone->centre_world_m = v3_add(zone->centre_world_m, touch->point_sum_m3);
+    shape->tool_sum_m2 = v3_add(shape->tool_sum_m2, touch->tool_sum_m2);
 }
 
 /* Sums to means. A zone on one facet has that facet's plane exactly. Returns 0 for a zone without direction. */

@@ -262,8 +262,8 @@ static void sdo_reply(cr_node *node, uint8_t command, const uint8_t *multiplexor
 
 /* Identifiers that no PDO, EMCY or SYNC may take, 7.3.5. */
 static int restricted(uint32_t id) {
-    return id < 0x080u || (id > 0x100u && id <= 0x180u) || (id > 0x580u && id < 0x600u) || (id > 0x600u && id < 0x680u) ||
-           id >= 0x6E0u;
+    return id < 0x080u || (id > 0x100u && id <= 0x180u) || (id > 0x580u && id < 0x600u) ||
+           (id > 0x600u && id < 0x680u) || id >= 0x6E0u;
 }
 
 /* An identifier may only change while its object is switched off (bit 31), 7.5.2.15 and 7.5.2.35. */

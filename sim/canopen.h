@@ -33,8 +33,8 @@ enum {
 
 typedef struct {
     uint8_t pending, deadline_missed;
-    cr_sim_frame frame;    /* waits for the next SYNC */
-    uint64_t heard_us;     /* last time it came; 0 never */
+    cr_sim_frame frame; /* waits for the next SYNC */
+    uint64_t heard_us;  /* last time it came; 0 never */
 } cr_rpdo;
 
 typedef struct {

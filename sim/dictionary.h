@@ -1,4 +1,4 @@
-/* Object dictionary of the simulated drives. Generated from dictionary.toml by `python -m crease.bus.generate`. */
+/* Object dictionary of the simulated drives, from dictionary.toml by `python -m crease.bus.generate`. */
 #ifndef CR_SIM_DICTIONARY_H
 #define CR_SIM_DICTIONARY_H
 
@@ -11,7 +11,7 @@ static const uint8_t cr_od_nodes[CR_SIM_AXES] = {0x11, 0x12, 0x13};
 static const double cr_od_steps[CR_SIM_AXES] = {6e-05, 8.888888888888889e-05, 8.888888888888889e-05};
 static const double cr_od_rated[CR_SIM_AXES] = {10.0, 3.6, 3.6};
 
-/* index, sub-index, bits, flags, {value at power-on per axis}, least and greatest value that SDO may write. */
+/* index, sub-index, bits, flags, {value at power-on per axis}, least and greatest value for SDO. */
 static const cr_od_entry cr_od_entries[CR_OD_ENTRIES] = {
     {0x1000, 0, 32, CR_OD_READ, {0x20192u, 0x20192u, 0x20192u}, 0, 4294967295},
     {0x1001, 0, 8, CR_OD_READ | CR_OD_TPDO, {0x0u, 0x0u, 0x0u}, 0, 255},

@@ -34,7 +34,8 @@ static void corrupt(cr_sim_frame *frame, int32_t value, cr_fault_fate *fate) {
     }
 }
 
-cr_fault_fate cr_fault_pass(cr_fault_table *table, uint32_t tick, uint32_t axis, uint32_t direction, cr_sim_frame *frame) {
+cr_fault_fate cr_fault_pass(cr_fault_table *table, uint32_t tick, uint32_t axis, uint32_t direction,
+                            cr_sim_frame *frame) {
     cr_fault_fate fate = {.copies = 1};
     for (uint32_t i = 0; i < table->count; i++) {
         const cr_sim_fault *row = &table->rows[i];

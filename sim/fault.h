@@ -21,7 +21,8 @@ typedef struct {
 int cr_fault_set(cr_fault_table *table, const cr_sim_fault *rows, size_t count);
 
 /* Purpose  the fate of a frame between one drive and the bus; a corrupting row changes its bytes. */
-cr_fault_fate cr_fault_pass(cr_fault_table *table, uint32_t tick, uint32_t axis, uint32_t direction, cr_sim_frame *frame);
+cr_fault_fate cr_fault_pass(cr_fault_table *table, uint32_t tick, uint32_t axis, uint32_t direction,
+                            cr_sim_frame *frame);
 
 /* Purpose  the row of that kind that acts on a drive in this tick.   Output  null when there is none; counted when there is. */
 const cr_sim_fault *cr_fault_find(cr_fault_table *table, uint32_t tick, uint32_t axis, cr_sim_fault_kind kind);

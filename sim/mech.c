@@ -287,9 +287,7 @@ static double place(dBodyID id, int axis) {
     return 2.0 * atan2(q[1], q[0]);
 }
 
-static double rate_of(dBodyID id, int axis) {
-    return axis == X ? dBodyGetLinearVel(id)[X] : dBodyGetAngularVel(id)[X];
-}
+static double rate_of(dBodyID id, int axis) { return axis == X ? dBodyGetLinearVel(id)[X] : dBodyGetAngularVel(id)[X]; }
 
 static double joint(const cr_mech *mech, int axis) {
     const double turn = place(driven(mech, axis), axis);
@@ -311,7 +309,8 @@ static void couple(const cr_mech *mech, int axis) {
     const dBodyID link = links[axis], motor = mech->motor[axis];
     const double stretch = axis == X ? place(motor, axis) - place(link, axis)
                                      : remainder(place(motor, axis) - place(link, axis), 2.0 * PI);
-    const double effort = mech->spring[axis] * stretch + mech->damper[axis] * (rate_of(motor, axis) - rate_of(link, axis));
+    const double effort =
+        mech->spring[axis] * stretch + mech->damper[axis] * (rate_of(motor, axis) - rate_of(link, axis));
     push(mech, link, axis, effort);
     push(mech, motor, axis, -effort);
 }
@@ -402,7 +401,8 @@ static void note_limits(cr_mech *mech) {
     if (fabs(x) >= 0.5 * mech->p.stroke_m) {
         mech->limits |= 1u;
     }
-    if (elbow <= dJointGetHingeParam(mech->elbow, dParamLoStop) || elbow >= dJointGetHingeParam(mech->elbow, dParamHiStop)) {
+    if (elbow <= dJointGetHingeParam(mech->elbow, dParamLoStop) ||
+        elbow >= dJointGetHingeParam(mech->elbow, dParamHiStop)) {
         mech->limits |= 6u;
     }
 }
@@ -459,7 +459,7 @@ void cr_mech_read(const cr_mech *mech, cr_sim_state *state) {
 }
 
 void cr_mech_kick(cr_mech *mech, uint32_t axis, double rate) {
-    dBodyID bodies[] = {mech->carriage, mech->upper, mech->fore, mech->hand,
+    dBodyID bodies[] = {mech->carriage, mech->upper,    mech->fore,    mech->hand,
                         mech->motor[X], mech->motor[Y], mech->motor[Z]};
     if (axis == (uint32_t)X) {
         for (size_t i = 0; i < sizeof bodies / sizeof *bodies; i++) {

@@ -51,7 +51,8 @@ static void take(post *from, uint32_t at, parcel *item) {
 }
 
 static int cut_off(cr_sim *sim, uint32_t axis) {
-    return (sim->bus_off >> axis & 1u) != 0u || cr_fault_find(&sim->faults, sim->tick, axis, CR_SIM_FAULT_SILENT) != NULL;
+    return (sim->bus_off >> axis & 1u) != 0u ||
+           cr_fault_find(&sim->faults, sim->tick, axis, CR_SIM_FAULT_SILENT) != NULL;
 }
 
 static int bit_budget_counts(const cr_sim *sim) {
@@ -94,11 +95,11 @@ static void move_to(cr_sim *sim, uint64_t now_us) {
     if (!sim->wall_clock) {
         return;
     }
-    const double late_s = 1e-6 * (double)(now_us - sim->start_us) - sim->step_s * (double)sim->substeps;
-    if (late_s >= sim->step_s) {
-        const uint32_t due = (uint32_t)(late_s / sim->step_s);
-        cr_mech_advance(sim->mech, due);
-        sim->substeps += due;
+    /* The small part keeps a whole number of sub-steps from being cut to one less. */
+    const uint64_t due = (uint64_t)(1e-6 * (double)(now_us - sim->start_us) / sim->step_s + 1e-6);
+    if (due > sim->substeps) {
+        cr_mech_advance(sim->mech, (uint32_t)(due - sim->substeps));
+        sim->substeps = due;
     }
 }
 

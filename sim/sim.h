@@ -115,14 +115,16 @@ typedef enum {
     CR_SIM_FAULT_DELAY = 2,     /* it comes value ticks later */
     CR_SIM_FAULT_DUPLICATE = 3, /* it comes twice */
     CR_SIM_FAULT_REORDER = 4,   /* it comes after the frames that it should have been before */
-    CR_SIM_FAULT_CORRUPT = 5,   /* byte (value >> 8) is exclusive-ored with value & 0xff; of a frame without bytes: lost */
-    CR_SIM_FAULT_BABBLE = 6,    /* the drive sends value more frames of identifier id each tick */
-    CR_SIM_FAULT_SILENT = 7,    /* the drive neither sends nor hears, its power stage runs on until its own rules stop it */
+    CR_SIM_FAULT_CORRUPT =
+        5,                   /* byte (value >> 8) is exclusive-ored with value & 0xff; of a frame without bytes: lost */
+    CR_SIM_FAULT_BABBLE = 6, /* the drive sends value more frames of identifier id each tick */
+    CR_SIM_FAULT_SILENT =
+        7, /* the drive neither sends nor hears, its power stage runs on until its own rules stop it */
     CR_SIM_FAULT_ENCODER_JUMP = 8,  /* value counts are added, and stay when the fault ends */
     CR_SIM_FAULT_ENCODER_STUCK = 9, /* the encoder keeps its reading */
     CR_SIM_FAULT_DRIVE_RESET = 10,  /* power-on again, once */
-    CR_SIM_FAULT_BUS_OFF = 11,      /* the drive's controller leaves the bus, the drive notices: zero torque, error 0x8140 */
-    CR_SIM_FAULT_DRIVE_ERROR = 12,  /* the drive faults with error code value, once */
+    CR_SIM_FAULT_BUS_OFF = 11, /* the drive's controller leaves the bus, the drive notices: zero torque, error 0x8140 */
+    CR_SIM_FAULT_DRIVE_ERROR = 12, /* the drive faults with error code value, once */
     CR_SIM_FAULT_COUNT
 } cr_sim_fault_kind;
 
@@ -131,11 +133,11 @@ enum { CR_SIM_FROM_DRIVES = 0, CR_SIM_TO_DRIVES = 1 };
 
 /* One fault: what, when, to whom. Ticks count the SYNC frames seen since create, the first is tick 1. */
 typedef struct {
-    uint32_t kind; /* cr_sim_fault_kind */
-    uint32_t tick; /* first tick */
-    uint32_t ticks; /* how many ticks; 0 counts as 1 */
-    uint32_t axis;  /* 0..2, or CR_SIM_ANY_AXIS */
-    uint32_t id;    /* of the frames it acts on, or that a babbling drive sends */
+    uint32_t kind;      /* cr_sim_fault_kind */
+    uint32_t tick;      /* first tick */
+    uint32_t ticks;     /* how many ticks; 0 counts as 1 */
+    uint32_t axis;      /* 0..2, or CR_SIM_ANY_AXIS */
+    uint32_t id;        /* of the frames it acts on, or that a babbling drive sends */
     uint32_t direction; /* CR_SIM_FROM_DRIVES, CR_SIM_TO_DRIVES */
     int32_t value;
 } cr_sim_fault;
@@ -156,10 +158,10 @@ typedef struct {
 
 /* What a drive is about, for tests and displays. */
 typedef struct {
-    uint8_t nmt;         /* 0 initialising, 4 stopped, 5 operational, 127 pre-operational */
-    uint8_t state;       /* cr_drive_state of drive.h */
-    uint16_t statusword; /* 0x6041 */
-    uint16_t error_code; /* 0x603F */
+    uint8_t nmt;             /* 0 initialising, 4 stopped, 5 operational, 127 pre-operational */
+    uint8_t state;           /* cr_drive_state of drive.h */
+    uint16_t statusword;     /* 0x6041 */
+    uint16_t error_code;     /* 0x603F */
     int16_t torque_permille; /* demand that reaches the amplifier */
 } cr_sim_drive;
 

@@ -29,3 +29,11 @@ class UnitError(CreaseError):
 
 class BusError(CreaseError):
     """The bus cannot be opened, a frame on it is not ours, or the dictionary is wrong."""
+
+
+class RecordingError(CreaseError):
+    """A recording of the servo cannot be read, or cannot be run again."""
+
+
+class LoopError(CreaseError):
+    """The closed loop cannot be made or does not come up."""

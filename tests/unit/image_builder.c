@@ -10,7 +10,9 @@
 #include <cmocka.h>
 
 #define REACH_M 4e-3
-#define PROBES 5
+#define PROBES 3
+#define FACETS_MAX (CRT_SIDES_MAX + 2)
+#define PI 3.14159265358979323846
 
 /* ---- solids ------------------------------------------------------------------------------------------------------- */
 
@@ -177,19 +179,18 @@ void crt_add_box(crt_tool *t, const double centre[3], const double half[3]) {
 }
 
 void crt_add_ball(crt_tool *t, double radius) {
-    int rings = (int)fmax(4.0, round(M_PI * radius / t->spacing_m));
-    uint32_t first = t->sample_count;
+    int rings = (int)fmax(4.0, round(PI * radius / t->spacing_m));
     for (int i = 0; i < rings; i++) {
-        double low = M_PI * i / rings, high = M_PI * (i + 1) / rings, middle = 0.5 * (low + high);
-        int count = (int)fmax(3.0, round(2.0 * M_PI * sin(middle) * radius / t->spacing_m));
+        double low = PI * i / rings, high = PI * (i + 1) / rings, middle = 0.5 * (low + high);
+        int count = (int)fmax(3.0, round(2.0 * PI * sin(middle) * radius / t->spacing_m));
         for (int j = 0; j < count; j++) {
-            double turn = 2.0 * M_PI * (j + 0.5 * (i % 2)) / count;
+            double turn = 2.0 * PI * (j + 0.5 * (i % 2)) / count;
             crt_sample s = {{0},
                             {sin(middle) * cos(turn), sin(middle) * sin(turn), cos(middle)},
                             {cos(middle) * cos(turn), cos(middle) * sin(turn), -sin(middle)},
                             {-sin(turn), cos(turn), 0.0},
                             {0},
-                            2.0 * M_PI * radius * radius * (cos(low) - cos(high)) / count,
+                            2.0 * PI * radius * radius * (cos(low) - cos(high)) / count,
                             0.75 * t->spacing_m,
                             0};
             s.width_m[0] = s.width_m[1] = sqrt(s.area_m2);
@@ -205,7 +206,6 @@ void crt_add_ball(crt_tool *t, double radius) {
     if (t->sample_count > t->start[t->cluster_count]) {
         end_cluster(t);
     }
-    (void)first;
 }
 
 /* ---- the image ---------------------------------------------------------------------------------------------------- */
@@ -223,14 +223,8 @@ static void *add_part(parts *p, uint32_t id, uint32_t count, size_t stride) {
     return p->bytes[id];
 }
 
-static double height_of(const crt_solid *s, int facet, const double p[3]) {
-    double n[4];
-    crt_plane(s, facet, n);
-    return n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - n[3];
-}
-
 /* The one facet that is nearest to every probe of a cell, or -1. */
-static int facet_of_cell(const crt_solid *s, const double low[3], double size) {
+static int facet_of_cell(const crt_solid *s, const double planes[][4], const double low[3], double size) {
     int found = -1;
     for (int k = 0; k < PROBES * PROBES * PROBES; k++) {
         int at[3] = {k % PROBES, k / PROBES % PROBES, k / (PROBES * PROBES)};
@@ -241,7 +235,8 @@ static int facet_of_cell(const crt_solid *s, const double low[3], double size) {
         double d = crt_distance(s, p);
         int mine = -1, count = 0;
         for (int f = 0; f < crt_facets(s); f++) {
-            if (fabs(height_of(s, f, p) - d) < 1e-9) {
+            const double *n = planes[f];
+            if (fabs(n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - n[3] - d) < 1e-9) {
                 mine = f;
                 count++;
             }
@@ -295,7 +290,7 @@ static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double 
     bounds_of(s, low, high);
     m->brick_m = (float)(8.0 * voxel_m);
     m->voxel_m = m->brick_m / 8.0f;
-    double pad = (double)m->brick_m + REACH_M;
+    double pad = 1.4 * (double)m->brick_m + REACH_M; /* border bricks are far */
     for (int a = 0; a < 3; a++) {
         m->origin_m[a] = (float)(low[a] - pad);
         m->dims[a] = (uint32_t)ceil((high[a] + pad - (double)m->origin_m[a]) / (double)m->brick_m);
@@ -318,15 +313,18 @@ static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double 
 /* Samples and cells of one near brick whose low corner is given. */
 static void fill_brick(const crt_solid *s, const struct cr_img_meta *m, const double low[3], struct cr_img_brick *brick,
                        int16_t *samples, uint16_t *cells) {
-    double voxel = (double)m->brick_m / 8.0;
+    double voxel = (double)m->brick_m / 8.0, planes[FACETS_MAX][4];
     brick->side = 8u;
+    for (int f = 0; f < crt_facets(s); f++) {
+        crt_plane(s, f, planes[f]);
+    }
     for (int k = 0; k < 9 * 9 * 9; k++) {
         double p[3] = {low[0] + k % 9 * voxel, low[1] + k / 9 % 9 * voxel, low[2] + k / 81 * voxel};
         samples[k] = (int16_t)lround(crt_distance(s, p) / (double)m->quantum_m);
     }
     for (int k = 0; k < 512; k++) {
         double p[3] = {low[0] + k % 8 * voxel, low[1] + k / 8 % 8 * voxel, low[2] + k / 64 * voxel};
-        int f = s->ball_m > 0.0 ? 0 : facet_of_cell(s, p, voxel);
+        int f = s->ball_m > 0.0 ? 0 : facet_of_cell(s, (const double(*)[4])planes, p, voxel);
         cells[k] = (uint16_t)((f < 0 ? crt_facets(s) : f) + 1);
         brick->creased = (uint16_t)(brick->creased | (f < 0));
     }

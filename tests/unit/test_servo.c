@@ -1,42 +1,36 @@
 /* The servo in a loop with three drives and a mechanism made for this test alone: from power-on to a wall, every fault, and the
  * re-run of a recording. Shares nothing with the simulator, nor with the packers of the firmware. */
+#include "image_builder.h"
 #include "servo_stages.h"
 
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include <cmocka.h>
 
 #define MS 1000000ull
-#define SCENE "build/scenes/wall_cube.crs" /* the 60 mm cube above a block whose top is z = 0: contact below z = 30 mm */
-#define CONTACT_Z_M 0.03
+#define CONTACT_Z_M 0.03 /* a cube of 60 mm above a block whose top is z = 0 */
 #define LINK 0.45
 
-static void *image;
-static size_t image_bytes;
+static uint8_t *image;
+static uint32_t image_bytes;
 static cr_scene scene;
 
-static int open_image(void **state) {
+static int build_image(void **state) {
     (void)state;
-    FILE *file = fopen(SCENE, "rb");
-    if (file == NULL) {
-        print_error("%s is missing: make scenes\n", SCENE);
-        return -1;
-    }
-    fseek(file, 0, SEEK_END);
-    image_bytes = (size_t)ftell(file);
-    rewind(file);
-    image = aligned_alloc(64, (image_bytes + 63u) / 64u * 64u);
-    const size_t got = fread(image, 1, image_bytes, file);
-    fclose(file);
-    return got == image_bytes && cr_scene_open(&scene, image, image_bytes) == CR_OK ? 0 : -1;
+    const crt_solid block = crt_box(-0.08, 0.08, 0.08, -0.05, 0.0);
+    const double centre_m[3] = {0.0, 0.0, 0.0}, half_m[3] = {0.03, 0.03, 0.03};
+    crt_tool cube = crt_tool_new(0.005);
+    crt_add_box(&cube, centre_m, half_m);
+    image = crt_image(&block, &cube, 0.004, &image_bytes);
+    crt_tool_free(&cube);
+    return cr_scene_open(&scene, image, image_bytes) == CR_OK ? 0 : -1;
 }
 
-static int close_image(void **state) {
+static int free_image(void **state) {
     (void)state;
     free(image);
     return 0;
@@ -370,7 +364,10 @@ static void commit(loop *l, deed what, uint32_t axis, int again) {
     case DO_BACKWARDS: l->now_ns -= 5u * MS; break;
     case DO_PERIOD: l->period_s = NAN; break;
     case DO_ALIEN: add_extra(l, 0x181, 6u, 0x10, 0); break;
-    case DO_TWICE: put_state(l, axis); add_extra(l, (uint16_t)(0x191u + axis), 8u, 0, 0); l->extra[0].data[6] = 0x27; break;
+    case DO_TWICE: /* the drive's own state a second time */
+        add_extra(l, (uint16_t)(0x191u + axis), 8u, 0, 0);
+        memcpy(l->extra[0].data, cr_servo_get_record(l->servo)->frames[axis].data, 8);
+        break;
     case DO_BABBLE:
         for (int i = 0; i < 20; i++) {
             add_extra(l, (uint16_t)(0x691u + axis), 8u, 0, 0);
@@ -391,12 +388,7 @@ static void one_fault(deed what, uint32_t axis, int wait) {
     assert_true(v3_norm(cr_servo_get_record(l.servo)->force_world_N) > 0.5f);
     uint32_t ticks = 0u;
     while (mode(&l) != CR_MODE_FAULT && ticks < 500u) {
-        if (what == DO_TWICE) { /* the drive's own state a second time */
-            add_extra(&l, (uint16_t)(0x191u + axis), 8u, 0, 0);
-            memcpy(l.extra[0].data, cr_servo_get_record(l.servo)->frames[axis].data, 8);
-        } else {
-            commit(&l, what, axis, ticks > 0u);
-        }
+        commit(&l, what, axis, ticks > 0u);
         period(&l);
         ticks++;
         if (mode(&l) != CR_MODE_FAULT) {
@@ -510,13 +502,13 @@ static void re_run_notices_a_changed_bit_and_a_gap(void **state) {
     (void)state;
     loop l = make_loop();
     press(&l);
-    l.records[1500].frames[1].data[0] ^= 1u; /* one count of Y */
+    l.records[1200].frames[1].data[0] ^= 1u; /* one count of Y */
     cr_rerun result = rerun(&l, l.records, l.record_count, NULL);
-    assert_true(result.different > 0u && result.first == 1500u && result.gap == 0u);
-    l.records[1500].frames[1].data[0] ^= 1u;
-    memmove(&l.records[1600], &l.records[1601], (l.record_count - 1601u) * sizeof *l.records);
+    assert_true(result.different > 0u && result.first == 1200u && result.gap == 0u);
+    l.records[1200].frames[1].data[0] ^= 1u;
+    memmove(&l.records[1300], &l.records[1301], (l.record_count - 1301u) * sizeof *l.records);
     result = rerun(&l, l.records, l.record_count - 1u, NULL);
-    assert_true(result.records == 1600u && result.gap == 1u && result.different == 0u);
+    assert_true(result.records == 1300u && result.gap == 1u && result.different == 0u);
     free_loop(&l);
 }
 
@@ -582,5 +574,5 @@ int main(void) {
         cmocka_unit_test(init_refuses_bad_memory_and_configurations),
         cmocka_unit_test(every_bit_has_a_name),
     };
-    return cmocka_run_group_tests(tests, open_image, close_image);
+    return cmocka_run_group_tests(tests, build_image, free_image);
 }

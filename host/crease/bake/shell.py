@@ -26,6 +26,8 @@ CLUSTER_NORMAL_WEIGHT = 0.8
 """The same for clusters: less, so that crease samples join the faces beside them and spheres stay small."""
 FEATURE_AREA = 1e-3
 """Area of a vertex or crease sample as a share of spacing^2: gives a lone spike a direction, shifts no sum."""
+TIP_TURN = 0.35
+"""A crease that turns by more than this (2 sin of half the angle; 20 degrees) has a corner there."""
 FINE_SPREAD = 0.0962
 """Second moment of an equilateral triangle about its centroid, per axis, as a share of its area: sqrt(3) / 18."""
 SMALL_PATCH = 8
@@ -47,6 +49,7 @@ class Samples:
     ramp_m: F64
     reach_m: F64
     feature: npt.NDArray[np.bool_]
+    crease: npt.NDArray[np.bool_]
     vertex: npt.NDArray[np.bool_]
     patch: I64
 
@@ -212,104 +215,89 @@ def vertex_normals(surface: Surface) -> tuple[F64, F64]:
 
 @dataclass(frozen=True)
 class Features:
-    """Vertices and convex-crease samples. Shapes: position_m, normal, along (unit tangent of the crease, 0 at tips) (n, 3);
-    room_m: how far the crease goes on straight; vertex: whether it is a vertex of the mesh (n,).
+    """What sticks out of a tool besides its faces: corners, and its convex creases cut into straight pieces without a gap.
+
+    Shapes: position_m (middle of the piece), normal, half_m (vector from the middle to one end, 0 at corners) (n, 3).
     """
 
     position_m: F64
     normal: F64
-    along: F64
-    room_m: F64
-    vertex: npt.NDArray[np.bool_]
+    half_m: F64
 
 
 def feature_points(surface: Surface, spacing_m: float) -> Features:
-    """What sticks out of a tool besides its faces.
-
-    Corners come first, then other vertices that stick out (a fine, nearly flat tessellation adds none), then creases.
-    """
+    """Corners of creases, other vertices that stick out (a fine, nearly flat tessellation has none), and crease pieces."""
     v = surface.mesh.vertices_m
     normal, turn = vertex_normals(surface)
-    sharp = turn > 1 - np.cos(np.radians(10.0))
-    lengths = np.linalg.norm(
-        v[surface.mesh.triangles] - v[surface.mesh.triangles[:, [1, 2, 0]]], axis=2
-    )
+    ends = surface.creases.ends_m[surface.creases.convex]
+    chains, tips = crease_chains(ends)
+    lengths = np.linalg.norm(v[surface.mesh.triangles] - v[surface.mesh.triangles[:, [1, 2, 0]]], axis=2)
     coarse = float(np.median(lengths)) > spacing_m
-    wanted = np.flatnonzero(sharp | (coarse & (turn > 1e-6)))
-    wanted = wanted[np.argsort(-turn[wanted], kind="stable")]
-    ends, convex = surface.creases.ends_m, surface.creases.convex
-    tip = _crease_tips(ends[convex])
-    first = wanted[np.isin(_keys(v[wanted]), _keys(tip))] if len(tip) else wanted[:0]
-    rest = wanted[~np.isin(wanted, first)]
+    on_crease = np.isin(_keys(v), _keys(ends.reshape(-1, 3)))
+    first = np.flatnonzero(np.isin(_keys(v), _keys(tips)))
+    rest = np.flatnonzero(~on_crease & (coarse | (turn > 1 - np.cos(np.radians(10.0)))) & (turn > 1e-6))
+    rest = rest[np.argsort(-turn[rest], kind="stable")]
     rest = rest[thin(v[rest], 0.5 * spacing_m, v[first])]
     vertices = np.concatenate([first, rest])
-    line, line_normal = _crease_points(surface, spacing_m)
-    kept = thin(line, 0.5 * spacing_m, v[vertices]) if len(line) else np.zeros(0, np.int64)
-    position = np.concatenate([v[vertices], line[kept]])
-    along, room = _along_crease(ends[convex], tip, position)
+    pieces = [cut_chain(chain, spacing_m) for chain in chains]
+    middle = np.concatenate([np.zeros((0, 3)), *(m for m, _ in pieces)])
+    half = np.concatenate([np.zeros((0, 3)), *(h for _, h in pieces)])
+    line_normal = _unit(_outward(surface, middle, 1e-4 * spacing_m)) if len(middle) else middle
     return Features(
-        position,
-        np.concatenate([normal[vertices], line_normal[kept]]),
-        along,
-        room,
-        np.arange(len(position)) < len(vertices),
+        np.concatenate([v[vertices], middle]),
+        np.concatenate([normal[vertices], line_normal]),
+        np.concatenate([np.zeros((len(vertices), 3)), half]),
     )
 
 
-def _along_crease(ends: F64, tips: F64, points: F64) -> tuple[F64, F64]:
-    """Tangent of the crease that each point lies on and the distance to its nearest tip; zeros at tips and off creases."""
-    along, room = np.zeros_like(points), np.zeros(len(points))
-    if len(ends) == 0 or len(points) == 0:
-        return along, room
-    direction = _unit(ends[:, 1] - ends[:, 0])
-    line = 0.5 * (ends[:, 0] + ends[:, 1])
-    half = 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    count = min(32, len(line))
-    near = cKDTree(line).query(points, k=count)[1].reshape(len(points), count)
-    offset = points[:, None] - line[near]
-    shift = np.clip(np.einsum("nkx,nkx->nk", offset, direction[near]), -half[near], half[near])
-    gap = np.linalg.norm(offset - shift[:, :, None] * direction[near], axis=2)
-    best = gap.argmin(axis=1)
-    rows = np.arange(len(points))
-    room = cKDTree(tips).query(points)[0] if len(tips) else np.full(len(points), np.inf)
-    on = (gap[rows, best] < 1e-6) & (room > 1e-6)
-    along[on] = direction[near[rows, best]][on]
-    return along, np.where(on, room, 0.0)
+def cut_chain(chain: F64, spacing_m: float) -> tuple[F64, F64]:
+    """A polyline (n, 3) cut into equal pieces of at most spacing_m: middles and half vectors of their chords."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(chain, axis=0), axis=1))])
+    count = max(1, int(np.ceil(along[-1] / spacing_m - 1e-9)))
+    at = np.linspace(0.0, along[-1], count + 1)
+    points = np.column_stack([np.interp(at, along, chain[:, k]) for k in range(3)])
+    return 0.5 * (points[:-1] + points[1:]), 0.5 * (points[1:] - points[:-1])
+
+
+def crease_chains(ends: F64) -> tuple[list[F64], F64]:
+    """Creases (n, 2, 3) joined into polylines that run straight on, and their tips: where creases turn, branch or end."""
+    if len(ends) == 0:
+        return [], np.zeros((0, 3))
+    keys, index, inverse = np.unique(_keys(ends.reshape(-1, 3)), return_index=True, return_inverse=True)
+    node = inverse.reshape(-1, 2)
+    points = ends.reshape(-1, 3)[index]
+    along = _unit(ends[:, 1] - ends[:, 0])
+    total = np.zeros((len(keys), 3))
+    np.add.at(total, node[:, 0], along)
+    np.add.at(total, node[:, 1], -along)
+    degree = np.bincount(node.reshape(-1), minlength=len(keys))
+    is_tip = (degree != 2) | (np.linalg.norm(total, axis=1) > TIP_TURN)
+    beside: list[list[int]] = [[] for _ in keys]
+    for edge, (a, b) in enumerate(node):
+        beside[a].append(edge)
+        beside[b].append(edge)
+    free = np.ones(len(ends), bool)
+
+    def walk(start: int, edge: int) -> F64:
+        path, at = [start], start
+        while True:
+            free[edge] = False
+            at = int(node[edge].sum() - at)
+            path.append(at)
+            onward = [e for e in beside[at] if free[e]]
+            if is_tip[at] or not onward:
+                return np.asarray(points[path])
+            edge = onward[0]
+
+    starts = [*np.flatnonzero(is_tip), *np.flatnonzero(~is_tip)]
+    chains = [walk(int(n), e) for n in starts for e in beside[n] if free[e]]
+    return chains, points[is_tip]
 
 
 def _keys(points: F64) -> npt.NDArray[Any]:
     """One comparable value per point, to a nanometre."""
     whole = np.ascontiguousarray(np.round(points * 1e9).astype(np.int64))
     return whole.view([("", np.int64)] * 3).reshape(-1)
-
-
-def _crease_tips(ends: F64) -> F64:
-    """Points where creases turn, branch or end: the sharp corners of the tool."""
-    points = ends.reshape(-1, 3)
-    along = _unit(ends[:, 1] - ends[:, 0])
-    keys, index, inverse = np.unique(_keys(points), return_index=True, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    count = np.bincount(inverse, minlength=len(keys))
-    out = np.stack([along, -along], axis=1).reshape(-1, 3)
-    total = np.column_stack([np.bincount(inverse, out[:, k], len(keys)) for k in range(3)])
-    straight = (count == 2) & (np.linalg.norm(total, axis=1) < 0.35)
-    return points[index[~straight]]
-
-
-def _crease_points(surface: Surface, spacing_m: float) -> tuple[F64, F64]:
-    """Points along the convex creases at most spacing_m apart, with the mean normal of the two sides."""
-    creases = surface.creases
-    ends = creases.ends_m[creases.convex]
-    if len(ends) == 0:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    parts = np.maximum(1, np.ceil(length / spacing_m).astype(np.int64))
-    which = np.repeat(np.arange(len(ends)), parts)
-    step = np.concatenate([(np.arange(n) + 0.5) / n for n in parts])
-    points = ends[which, 0] + step[:, None] * (ends[which, 1] - ends[which, 0])
-    fine = 1e-4 * spacing_m
-    normal = _unit(_outward(surface, points, fine))
-    return points, normal
 
 
 def _outward(surface: Surface, points: F64, step_m: float) -> F64:
@@ -334,20 +322,21 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
     # The closed surface's area vectors add up to zero; the features' little areas must not spoil that.
     area = cells.area_m2 - (cells.area_m2.sum(axis=0) + spot_area.sum(axis=0)) / count
     spread = np.concatenate(
-        [cells.spread_m2, spacing_m**2 / 12 * spots.along[:, :, None] * spots.along[:, None, :]]
+        [cells.spread_m2, spots.half_m[:, :, None] * spots.half_m[:, None, :] / 3]
     )
     # A uniform strip of width b has the second moment b^2 / 12.
     widest = np.sqrt(np.maximum(0.0, 12 * np.linalg.eigvalsh(spread)[:, -1]))
-    spot_reach = np.minimum(REACH * spacing_m, spots.room_m)
+    half = np.linalg.norm(spots.half_m, axis=1)
     return Samples(
         np.concatenate([position, spots.position_m]),
         np.concatenate([area, spot_area]),
         np.concatenate([_unit(area), spots.normal]),
         spread,
         0.5 * np.maximum(widest, 0.1 * spacing_m),
-        np.concatenate([_reach(surface, position, spacing_m), spot_reach]),
+        np.concatenate([_reach(surface, position, spacing_m), half]),
         np.arange(count + len(spot_area)) >= count,
-        np.concatenate([np.zeros(count, bool), spots.vertex]),
+        np.concatenate([np.zeros(count, bool), half > 0]),
+        np.concatenate([np.zeros(count, bool), half == 0]),
         np.concatenate([cells.patch, spot_patch]),
     )
 
@@ -429,6 +418,7 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
         row["ramp"] = _up(samples.ramp_m[lanes])
         row["reach"] = samples.reach_m[lanes] * real
         row["count"] = len(ids)
+        row["crease_mask"] = int((samples.crease[lanes] & real) @ (1 << np.arange(LANES)))
         row["vertex_mask"] = int((samples.vertex[lanes] & real) @ (1 << np.arange(LANES)))
         normal = samples.area_m2[ids].sum(axis=0)
         row["normal"] = _unit(normal)

@@ -5,19 +5,33 @@ from __future__ import annotations
 from crease.bus.dictionary import Axis, Dictionary, Pdo
 
 _HOST = "HOST"
-_NAMES = {0x6064: "position", 0x6077: "torque", 0x6041: "statusword", 0x6040: "controlword", 0x6060: "mode", 0x6071: "torque_target"}
+_NAMES = {
+    0x6064: "position",
+    0x6077: "torque",
+    0x6041: "statusword",
+    0x6040: "controlword",
+    0x6060: "mode",
+    0x6071: "torque_target",
+}
 _STATES = {
     0x00: "not ready to switch on", 0x04: "stopped", 0x05: "operational", 0x7F: "pre-operational",
 }  # fmt: skip
-_COMMANDS = {0x01: "start", 0x02: "stop", 0x80: "enter pre-operational", 0x81: "reset node", 0x82: "reset communication"}
+_COMMANDS = {
+    0x01: "start",
+    0x02: "stop",
+    0x80: "enter pre-operational",
+    0x81: "reset node",
+    0x82: "reset communication",
+}
 
 
-def _signal(name: str, start: int, bits: int, signed: bool, factor: float, unit: str, receiver: str) -> str:
+def _signal(
+    name: str, start: int, bits: int, signed: bool, factor: float, unit: str, receiver: str
+) -> str:
     sign = "-" if signed else "+"
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
-    return (
-        f' SG_ {name} : {start}|{bits}@1{sign} ({factor!r},0) [{low * factor!r}|{high * factor!r}] "{unit}" {receiver}'
-    )
+    limits = f"[{low * factor!r}|{high * factor!r}]"
+    return f' SG_ {name} : {start}|{bits}@1{sign} ({factor!r},0) {limits} "{unit}" {receiver}'
 
 
 def _scaling(index: int, axis: Axis) -> tuple[float, str]:
@@ -42,7 +56,9 @@ def _pdo_signals(dictionary: Dictionary, pdo: Pdo, axis: Axis, receiver: str) ->
 def _torque_signals(dictionary: Dictionary) -> list[str]:
     """One word per axis in the frame that all drives share."""
     return [
-        _signal(f"torque_{axis.name}", 16 * i, 16, True, *_scaling(0x6071, axis), f"DRIVE_{axis.name}")
+        _signal(
+            f"torque_{axis.name}", 16 * i, 16, True, *_scaling(0x6071, axis), f"DRIVE_{axis.name}"
+        )
         for i, axis in enumerate(dictionary.axes)
     ]
 
@@ -56,19 +72,42 @@ def to_dbc(dictionary: Dictionary) -> str:
     axes, setup = dictionary.axes, dictionary.setup
     drives = [f"DRIVE_{axis.name}" for axis in axes]
     anyone = ",".join(drives)
-    lines = ['VERSION "crease"', "", "NS_ :", "", "BS_:", "", f"BU_: {_HOST} {' '.join(drives)}", ""]
-    nmt = [_signal("command", 0, 8, False, 1, "", anyone), _signal("node", 8, 8, False, 1, "", anyone)]
+    lines = [
+        'VERSION "crease"',
+        "",
+        "NS_ :",
+        "",
+        "BS_:",
+        "",
+        f"BU_: {_HOST} {' '.join(drives)}",
+        "",
+    ]
+    nmt = [
+        _signal("command", 0, 8, False, 1, "", anyone),
+        _signal("node", 8, 8, False, 1, "", anyone),
+    ]
     lines += _message(0x000, "NMT", 2, _HOST, nmt)
     lines += _message(dictionary.entry(0x1005, 0).value, "SYNC", 0, _HOST, [])  # type: ignore[arg-type]
     state = [_signal("state", 0, 8, False, 1, "", _HOST)]
-    lines += _message(0x700 + dictionary.bus["host_node"], "HEARTBEAT_HOST", 1, _HOST, [state[0].replace(_HOST, anyone)])
-    values = [f"VAL_ {0x700 + dictionary.bus['host_node']} state {_value_table(_STATES)} ;", f"VAL_ 0 command {_value_table(_COMMANDS)} ;"]
+    lines += _message(
+        0x700 + dictionary.bus["host_node"],
+        "HEARTBEAT_HOST",
+        1,
+        _HOST,
+        [state[0].replace(_HOST, anyone)],
+    )
+    values = [
+        f"VAL_ {0x700 + dictionary.bus['host_node']} state {_value_table(_STATES)} ;",
+        f"VAL_ 0 command {_value_table(_COMMANDS)} ;",
+    ]
     for number, axis in enumerate(axes):
         drive = drives[number]
         for pdo in dictionary.bus_pdos(axis):
             if pdo.name == "TORQUE":
                 if number == 0:
-                    lines += _message(pdo.cob, pdo.name, pdo.bytes, _HOST, _torque_signals(dictionary))
+                    lines += _message(
+                        pdo.cob, pdo.name, pdo.bytes, _HOST, _torque_signals(dictionary)
+                    )
                 continue
             sender, receiver = (_HOST, drive) if pdo.kind == "rpdo" else (drive, _HOST)
             signals = _pdo_signals(dictionary, pdo, axis, receiver)
@@ -78,7 +117,9 @@ def to_dbc(dictionary: Dictionary) -> str:
             _signal("error_register", 16, 8, False, 1, "", _HOST),
             _signal("detail", 24, 32, False, 1, "", _HOST),
         ]
-        lines += _message(setup["emergency_cob"] + axis.node, f"EMCY_{axis.name}", 8, drive, emergency)
+        lines += _message(
+            setup["emergency_cob"] + axis.node, f"EMCY_{axis.name}", 8, drive, emergency
+        )
         lines += _message(0x700 + axis.node, f"HEARTBEAT_{axis.name}", 1, drive, state)
         values.append(f"VAL_ {0x700 + axis.node} state {_value_table(_STATES)} ;")
     return "\n".join([*lines, *values, ""])

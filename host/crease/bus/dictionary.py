@@ -166,9 +166,7 @@ class Dictionary:
         if "shared" in item:
             index, sub, bits = self._mapped(item["shared"])
             dummy = (TYPES[self.entry(index, sub).type].code, 0, bits)
-            mapped = tuple(
-                (index, sub, bits) if other is axis else dummy for other in self.axes
-            )
+            mapped = tuple((index, sub, bits) if other is axis else dummy for other in self.axes)
         else:
             mapped = tuple(self._mapped(text) for text in item["map"])
         cob = self.resolve(item["cob"], axis)
@@ -237,7 +235,13 @@ def _pdo_objects(item: Mapping[str, Any]) -> list[dict[str, Any]]:
     number, name = item["number"], f"{item['kind'].upper()} {item['number']}"
     comm: list[dict[str, Any]] = [
         {"sub": 1, "name": "COB-ID", "type": "UNSIGNED32", "access": "rw", "value": item["cob"]},
-        {"sub": 2, "name": "Transmission type", "type": "UNSIGNED8", "access": "rw", "value": item["type"]},
+        {
+            "sub": 2,
+            "name": "Transmission type",
+            "type": "UNSIGNED8",
+            "access": "rw",
+            "value": item["type"],
+        },
         {"sub": 3, "name": "Inhibit time, 100 us", "type": "UNSIGNED16", "access": "rw"},
         {"sub": 5, "name": "Event timer, ms", "type": "UNSIGNED16", "access": "rw"},
     ]

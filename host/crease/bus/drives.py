@@ -25,11 +25,15 @@ STATES = (
 
 def _fault_kinds() -> dict[str, int]:
     prefix = "CR_SIM_FAULT_"
-    names = {n[len(prefix) :].lower(): int(getattr(lib, n)) for n in dir(lib) if n.startswith(prefix)}
+    names = {
+        n[len(prefix) :].lower(): int(getattr(lib, n)) for n in dir(lib) if n.startswith(prefix)
+    }
     return {n: v for n, v in names.items() if n not in ("none", "count")}
 
 
-FAULT_KINDS = {n: v for n, v in sorted(_fault_kinds().items(), key=lambda item: item[1]) if n != "s_max"}
+FAULT_KINDS = {
+    n: v for n, v in sorted(_fault_kinds().items(), key=lambda item: item[1]) if n != "s_max"
+}
 """Kinds of fault by name: drop, delay, duplicate, reorder, corrupt, babble, silent, ..."""
 
 
@@ -97,12 +101,14 @@ class Counters:
 class Params:
     """Every parameter of device and operator, by the names of cr_sim_params in sim/sim.h.
 
-    `Params(hand_mass_kg=0.3)` is the default device with one change; `linear=True` starts from the one without friction, lag
-    and quantisation; `axes={"X": {"mass_kg": 5.0}}` changes one axis.
+    `Params(hand_mass_kg=0.3)` is the default device with one change; `linear=True` starts from the one without
+    friction, lag and quantisation; `axes={"X": {"mass_kg": 5.0}}` changes one axis.
     Errors: BusError for a name that is not known or a number that is not finite.
     """
 
-    def __init__(self, linear: bool = False, axes: dict[str, dict[str, float]] | None = None, **values: Any) -> None:
+    def __init__(
+        self, linear: bool = False, axes: dict[str, dict[str, float]] | None = None, **values: Any
+    ) -> None:
         start = lib.cr_sim_params_linear() if linear else lib.cr_sim_params_default()
         self.c: Any = ffi.new("cr_sim_params *", start)
         for name, value in values.items():
@@ -118,7 +124,12 @@ class Params:
 
 
 def _assign(target: Any, name: str, value: Any) -> None:
-    known = [field for field, _ in ffi.typeof(target[0] if ffi.typeof(target).kind == "pointer" else target).fields]
+    known = [
+        field
+        for field, _ in ffi.typeof(
+            target[0] if ffi.typeof(target).kind == "pointer" else target
+        ).fields
+    ]
     if name not in known or name == "axes":
         raise BusError(f"parameter '{name}' is not known; use one of {', '.join(known)}")
     numbers = value if isinstance(value, Sequence) else [value]
@@ -149,7 +160,9 @@ class Drives:
         self.params = params or Params()
         made = lib.cr_sim_create(self.params.c, int(wall_clock), now_us)
         if made == ffi.NULL:
-            raise BusError("a parameter of the simulated device is out of range; see cr_sim_params in sim/sim.h")
+            raise BusError(
+                "a parameter of the simulated device is out of range; see cr_sim_params in sim/sim.h"
+            )
         self.c: Any = ffi.gc(made, lib.cr_sim_destroy)
         self._frame = ffi.new("cr_sim_frame *")
         self._out = ffi.new("cr_sim_frame[]", 64)
@@ -185,7 +198,7 @@ class Drives:
         lib.cr_sim_target(self.c, list(tip_m), list(wrist_rad))
 
     def set_path(self, rows: F64) -> None:
-        """Targets from the first tick on in which every drive is enabled, one row (tip m, wrist rad) a tick; shape (n, 6)."""
+        """Targets, one row (tip m, wrist rad) a tick, from the first tick with every drive enabled; shape (n, 6)."""
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         if rows.ndim != 2 or rows.shape[1] != 6:
             raise BusError(f"operator path has shape {rows.shape}; it must be (n, 6): tip, wrist")
@@ -197,7 +210,9 @@ class Drives:
         rows = ffi.new("cr_sim_fault[]", max(len(faults), 1))
         for row, fault in zip(rows, faults, strict=False):
             if fault.kind not in FAULT_KINDS:
-                raise BusError(f"fault '{fault.kind}' is not known; use one of {', '.join(FAULT_KINDS)}")
+                raise BusError(
+                    f"fault '{fault.kind}' is not known; use one of {', '.join(FAULT_KINDS)}"
+                )
             row.kind, row.tick, row.ticks = FAULT_KINDS[fault.kind], fault.tick, fault.ticks
             row.axis = lib.CR_SIM_ANY_AXIS if fault.axis is None else fault.axis
             row.id, row.direction, row.value = fault.id, int(fault.to_drives), fault.value
@@ -223,7 +238,9 @@ class Drives:
         """Drive 0, 1 or 2."""
         lib.cr_sim_read_drive(self.c, axis, self._drive)
         one = self._drive
-        return DriveState(one.nmt, STATES[one.state], one.statusword, one.error_code, one.torque_permille)
+        return DriveState(
+            one.nmt, STATES[one.state], one.statusword, one.error_code, one.torque_permille
+        )
 
     @property
     def counters(self) -> Counters:
@@ -238,7 +255,9 @@ class Mech:
     def __init__(self, params: Params) -> None:
         made = lib.cr_mech_create(params.c)
         if made == ffi.NULL:
-            raise BusError("a parameter of the simulated device is out of range; see cr_sim_params in sim/sim.h")
+            raise BusError(
+                "a parameter of the simulated device is out of range; see cr_sim_params in sim/sim.h"
+            )
         self.params = params
         self.c: Any = ffi.gc(made, lib.cr_mech_destroy)
         self._state = ffi.new("cr_sim_state *")

@@ -32,7 +32,10 @@ def _entry_lines(dictionary: Dictionary, entry: Entry, axis: Axis) -> list[str]:
     ]
     low, high = (dictionary.resolve(limit, axis) for limit in (entry.low, entry.high))
     if (low, high) != (entry.data.low, entry.data.high) and entry.access == "rw":
-        lines += [f"LowLimit={_number(low, entry.data.bits)}", f"HighLimit={_number(high, entry.data.bits)}"]
+        lines += [
+            f"LowLimit={_number(low, entry.data.bits)}",
+            f"HighLimit={_number(high, entry.data.bits)}",
+        ]
     return lines
 
 

@@ -40,7 +40,9 @@ def committed() -> dict[Path, str]:
 def export(folder: Path) -> list[Path]:
     """Write the EDS of every axis and the DBC into `folder`; gives the files."""
     dictionary = load()
-    files = {f"crease_{axis.name.lower()}.eds": to_eds(dictionary, axis) for axis in dictionary.axes}
+    files = {
+        f"crease_{axis.name.lower()}.eds": to_eds(dictionary, axis) for axis in dictionary.axes
+    }
     files["crease.dbc"] = to_dbc(dictionary)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
@@ -53,7 +55,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true")
     check = parser.parse_args().check
-    stale = [p for p, text in committed().items() if not p.exists() or p.read_text(encoding="utf-8") != text]
+    stale = [
+        p
+        for p, text in committed().items()
+        if not p.exists() or p.read_text(encoding="utf-8") != text
+    ]
     for path in stale:
         if not check:
             path.write_text(committed()[path], encoding="utf-8")

@@ -1,7 +1,7 @@
 """A python-can bus with the simulated drives behind it, in lock-step: `can.Bus(interface="inprocess", channel=NAME)`.
 
-Every bus of the same channel hears the others and the same drives. A SYNC moves time by one period, any other frame by none, so
-that a program that sends the same frames hears the same answers, whatever the machine does meanwhile.
+Every bus of the same channel hears the others and the same drives. A SYNC moves time by one period, any other frame by
+none, so that a program that sends the same frames hears the same answers, whatever the machine does meanwhile.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ def drives_of(channel: str) -> Drives:
 class InprocessBus(can.BusABC):
     """One end of an in-process bus. `receive_own_messages` as with other interfaces of python-can."""
 
-    def __init__(self, channel: str = "inprocess", receive_own_messages: bool = False, **kwargs: Any) -> None:
+    def __init__(
+        self, channel: str = "inprocess", receive_own_messages: bool = False, **kwargs: Any
+    ) -> None:
         self.receive_own_messages = receive_own_messages
         self.frames: queue.SimpleQueue[can.Message] = queue.SimpleQueue()
         self.channel_info = f"inprocess:{channel}"
@@ -82,7 +84,9 @@ class InprocessBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Errors: can.CanOperationError for anything but a classical data frame with an 11-bit identifier."""
         if msg.is_extended_id or msg.is_remote_frame or msg.is_fd or msg.is_error_frame:
-            raise can.CanOperationError("the motor bus has classical data frames with 11-bit identifiers only")
+            raise can.CanOperationError(
+                "the motor bus has classical data frames with 11-bit identifiers only"
+            )
         self._channel.send(Frame(msg.arbitration_id, bytes(msg.data)), self)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:

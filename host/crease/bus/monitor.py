@@ -15,7 +15,13 @@ Values = dict[str, float | int | str]
 """What a frame says: field name with unit -> value."""
 
 NMT_STATES = {0: "boot-up", 4: "stopped", 5: "operational", 127: "pre-operational"}
-NMT_COMMANDS = {1: "start", 2: "stop", 128: "enter pre-operational", 129: "reset node", 130: "reset communication"}
+NMT_COMMANDS = {
+    1: "start",
+    2: "stop",
+    128: "enter pre-operational",
+    129: "reset node",
+    130: "reset communication",
+}
 WINDOW_S = 1.0
 """Rates and load are taken over this much of the recent past."""
 
@@ -29,7 +35,14 @@ _STATUS = (
     (0x4F, 0x0F, "fault reaction active"),
     (0x4F, 0x08, "fault"),
 )
-_FIELDS = {0x6040: "controlword", 0x6041: "statusword", 0x6060: "mode", 0x6064: "position", 0x6071: "torque", 0x6077: "torque"}
+_FIELDS = {
+    0x6040: "controlword",
+    0x6041: "statusword",
+    0x6060: "mode",
+    0x6064: "position",
+    0x6071: "torque",
+    0x6077: "torque",
+}
 
 
 def drive_state(statusword: int) -> str:
@@ -48,12 +61,19 @@ class Decoder:
         self._known: dict[int, tuple[str, int, Callable[[bytes], Values]]] = {}
         self._dictionary = dictionary
         host = dictionary.bus["host_node"]
-        self._add(0x000, "NMT", 2, lambda d: {"command": NMT_COMMANDS.get(d[0], f"0x{d[0]:02X}"), "node": d[1]})
+        self._add(
+            0x000,
+            "NMT",
+            2,
+            lambda d: {"command": NMT_COMMANDS.get(d[0], f"0x{d[0]:02X}"), "node": d[1]},
+        )
         self._add(0x080, "SYNC", 0, lambda d: {})
         self._add(0x700 + host, "HEARTBEAT host", 1, _heartbeat)
         for axis in dictionary.axes:
             self._add(0x700 + axis.node, f"HEARTBEAT {axis.name}", 1, _heartbeat)
-            self._add(dictionary.setup["emergency_cob"] + axis.node, f"EMCY {axis.name}", 8, _emergency)
+            self._add(
+                dictionary.setup["emergency_cob"] + axis.node, f"EMCY {axis.name}", 8, _emergency
+            )
             self._add(0x580 + axis.node, f"SDO answer {axis.name}", 8, _sdo)
             self._add(0x600 + axis.node, f"SDO request {axis.name}", 8, _sdo)
             for pdo in dictionary.bus_pdos(axis):
@@ -91,7 +111,7 @@ class Decoder:
         return values
 
     def decode(self, cob: int, data: bytes) -> tuple[str, Values | None]:
-        """Name and values; values None when the length is not the frame's; name "unknown" for an identifier of nobody here."""
+        """Name and values; values None when the length is not the frame's; name "unknown" for nobody's identifier."""
         if cob not in self._known:
             return "unknown", None
         name, length, values = self._known[cob]
@@ -109,7 +129,11 @@ def _emergency(data: bytes) -> Values:
 def _sdo(data: bytes) -> Values:
     index, sub = int.from_bytes(data[1:3], "little"), data[3]
     value = int.from_bytes(data[4:], "little")
-    word = "abort" if data[0] == 0x80 else {0x20: "write", 0x40: "read", 0x60: "written"}.get(data[0] & 0xE0, "?")
+    word = (
+        "abort"
+        if data[0] == 0x80
+        else {0x20: "write", 0x40: "read", 0x60: "written"}.get(data[0] & 0xE0, "?")
+    )
     return {"object": f"{index:04X}:{sub}", "what": word, "value": f"0x{value:X}"}
 
 
@@ -137,7 +161,12 @@ class Monitor:
     def __init__(self, dictionary: Dictionary) -> None:
         self._decoder = Decoder(dictionary)
         self._bitrate = dictionary.bus["bitrate_bit_s"]
-        self._answers = [pdo.cob for axis in dictionary.axes for pdo in dictionary.bus_pdos(axis) if pdo.name == "STATE"]
+        self._answers = [
+            pdo.cob
+            for axis in dictionary.axes
+            for pdo in dictionary.bus_pdos(axis)
+            if pdo.name == "STATE"
+        ]
         self._answered: dict[int, int] = {}
         self.rows: dict[int, Row] = {}
         self.errors = 0
@@ -181,16 +210,26 @@ class Monitor:
             rate = row.rate_Hz(self.now_s)
             text = "  ".join(f"{name} {_show(value)}" for name, value in row.values.items())
             text += f"  ({row.malformed} of wrong length)" if row.malformed else ""
-            lines.append(f"0x{cob:03X}   {row.name:16s} {row.count:9,d} {rate:7.0f}  {text}".rstrip())
+            lines.append(
+                f"0x{cob:03X}   {row.name:16s} {row.count:9,d} {rate:7.0f}  {text}".rstrip()
+            )
         missed = sum(self.missed.values())
-        lines.append(f"load {100 * self.load():.1f} %, {missed:,} answers missed, {self.errors:,} error frames")
+        lines.append(
+            f"load {100 * self.load():.1f} %, {missed:,} answers missed, {self.errors:,} error frames"
+        )
         return lines
 
     def report(self) -> dict[str, object]:
         """The table for a program."""
         return {
             "frames": {
-                f"0x{cob:03X}": {"name": row.name, "count": row.count, "rate_Hz": row.rate_Hz(self.now_s), "malformed": row.malformed, "values": row.values}
+                f"0x{cob:03X}": {
+                    "name": row.name,
+                    "count": row.count,
+                    "rate_Hz": row.rate_Hz(self.now_s),
+                    "malformed": row.malformed,
+                    "values": row.values,
+                }
                 for cob, row in sorted(self.rows.items())
             },
             "load": self.load(),

@@ -1,8 +1,8 @@
 """Worst-case response times of the bus schedule, and an event simulation that must never exceed them.
 
-Analysis: Davis, Burns, Bril, Lukkien 2007, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
-revised", equations 8 to 12, with one bus error per interval as in their section 5. Frames are taken with the most stuff bits they
-can have. Unit: us throughout; at 1 Mbit/s one bit is 1 us.
+Analysis: Davis, Burns, Bril, Lukkien 2007, "Controller Area Network (CAN) schedulability analysis: refuted, revisited
+and revised": busy period, then every instance in it; with an error model of one bus error per interval. Frames are
+taken with the most stuff bits they can have. Unit: us throughout; at 1 Mbit/s one bit is 1 us.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class Response:
 def timings(messages: Sequence[Message], bit_us: float = 1.0) -> list[Timing]:
     """The messages with their cost, highest priority first."""
     found = [
-        Timing(m.name, m.cob, frame_bits(m.bytes) * bit_us, m.period_us, m.jitter_us, m.cyclic) for m in messages
+        Timing(m.name, m.cob, frame_bits(m.bytes) * bit_us, m.period_us, m.jitter_us, m.cyclic)
+        for m in messages
     ]
     return sorted(found, key=lambda timing: timing.cob)
 
@@ -82,7 +83,9 @@ def _fixed_point(start: float, step: Callable[[float], float], limit: float) -> 
     return None
 
 
-def response(items: Sequence[Timing], at: int, bit_us: float = 1.0, error_interval_us: float | None = None) -> float | None:
+def response(
+    items: Sequence[Timing], at: int, bit_us: float = 1.0, error_interval_us: float | None = None
+) -> float | None:
     """Worst-case response time of message `at` from its nominal release; None when there is no bound."""
     own, above, below = items[at], items[:at], items[at + 1 :]
     blocking = max((i.cost_us for i in below), default=0.0)
@@ -94,7 +97,11 @@ def response(items: Sequence[Timing], at: int, bit_us: float = 1.0, error_interv
 
     def busy(time_us: float) -> float:
         same = [*above, own]
-        return errors(time_us) + blocking + sum(ceil((time_us + i.jitter_us) / i.period_us) * i.cost_us for i in same)
+        return (
+            errors(time_us)
+            + blocking
+            + sum(ceil((time_us + i.jitter_us) / i.period_us) * i.cost_us for i in same)
+        )
 
     if sum(i.cost_us / i.period_us for i in [*above, own]) >= 1.0:
         return None
@@ -106,7 +113,9 @@ def response(items: Sequence[Timing], at: int, bit_us: float = 1.0, error_interv
         before = blocking + instance * own.cost_us
 
         def queued(wait_us: float, before: float = before) -> float:
-            higher = sum(ceil((wait_us + i.jitter_us + bit_us) / i.period_us) * i.cost_us for i in above)
+            higher = sum(
+                ceil((wait_us + i.jitter_us + bit_us) / i.period_us) * i.cost_us for i in above
+            )
             return errors(wait_us + own.cost_us) + before + higher
 
         wait = _fixed_point(before, queued, limit)
@@ -116,10 +125,14 @@ def response(items: Sequence[Timing], at: int, bit_us: float = 1.0, error_interv
     return worst
 
 
-def analyse(items: Sequence[Timing], bit_us: float = 1.0, error_interval_us: float | None = None) -> list[Response]:
+def analyse(
+    items: Sequence[Timing], bit_us: float = 1.0, error_interval_us: float | None = None
+) -> list[Response]:
     """Every message, highest priority first."""
     return [
-        Response(i.name, i.cob, i.cost_us, i.period_us, response(items, at, bit_us, error_interval_us))
+        Response(
+            i.name, i.cob, i.cost_us, i.period_us, response(items, at, bit_us, error_interval_us)
+        )
         for at, i in enumerate(items)
     ]
 
@@ -141,8 +154,8 @@ def highest_rate_Hz(items: Sequence[Timing], step_Hz: int = 25, most_Hz: int = 4
 
 
 def compute_budget_us(items: Sequence[Timing], period_us: float = 1000.0) -> float:
-    """What one period leaves for the computation when SYNC, states and torque follow one another and the host sends the rest
-    after its torque frame."""
+    """What one period leaves for the computation when SYNC, states and torque follow one another and the host
+    sends the rest after its torque frame."""
     return period_us - sum(i.cost_us for i in items if i.cyclic)
 
 
@@ -150,7 +163,9 @@ def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:
     """The bus as it is, and the two that were rejected."""
     messages = dictionary.messages()
     nodes = [axis.node for axis in dictionary.axes]
-    default_emcy = [replace(m, cob=0x080 + (m.cob & 0x7F)) if m.name.startswith("EMCY") else m for m in messages]
+    default_emcy = [
+        replace(m, cob=0x080 + (m.cob & 0x7F)) if m.name.startswith("EMCY") else m for m in messages
+    ]
     per_axis = [m for m in default_emcy if m.name != "TORQUE" and not m.name.startswith("CONTROL")]
     torque = next(m for m in messages if m.name == "TORQUE")
     per_axis += [replace(torque, name=f"TORQUE_{n:X}", cob=0x200 + n, bytes=4) for n in nodes]
@@ -167,22 +182,28 @@ def worst_cyclic_us(items: Sequence[Timing]) -> float | None:
     return None if any(r is None for r in found) else max(r for r in found if r is not None)
 
 
-# ------------------------------------------------------------------------------------------------------------- event simulation
+# ----------------------------------------------------------------------------------------------------- event simulation
 
 
-def _releases(items: Sequence[Timing], duration_us: float, dice: random.Random | None) -> list[tuple[float, float, int]]:
+def _releases(
+    items: Sequence[Timing], duration_us: float, dice: random.Random | None
+) -> list[tuple[float, float, int]]:
     """(queued at, nominal release, message) in order of time: random, or the critical instant when there is no dice."""
     found: list[tuple[float, float, int]] = []
     for at, item in enumerate(items):
         start = -item.jitter_us if dice is None else dice.uniform(0, item.period_us)
         for count in range(ceil(duration_us / item.period_us)):
             nominal = start + count * item.period_us
-            late = item.jitter_us * (count == 0) if dice is None else dice.uniform(0, item.jitter_us)
+            late = (
+                item.jitter_us * (count == 0) if dice is None else dice.uniform(0, item.jitter_us)
+            )
             found.append((nominal + late, nominal, at))
     return sorted(found)
 
 
-def _run(items: Sequence[Timing], releases: Sequence[tuple[float, float, int]], now_us: float) -> dict[str, float]:
+def _run(
+    items: Sequence[Timing], releases: Sequence[tuple[float, float, int]], now_us: float
+) -> dict[str, float]:
     """Longest response of every message on a bus with arbitration and without preemption, idle from `now_us` on."""
     worst = {item.name: 0.0 for item in items}
     waiting: list[tuple[int, float]] = []
@@ -206,8 +227,8 @@ def simulate(items: Sequence[Timing], duration_us: float, seed: int) -> dict[str
 
 
 def simulate_critical(items: Sequence[Timing], at: int, duration_us: float) -> float:
-    """Response of message `at` when everything is released at once, as late as its jitter lets it, just after the longest frame
-    of lower priority has started: the case that the analysis is about."""
+    """Response of message `at` when everything is released at once, as late as its jitter lets it, just after the
+    longest frame of lower priority has started: the case that the analysis is about."""
     blocking = max((i.cost_us for i in items[at + 1 :]), default=0.0)
     above = items[: at + 1]
     return _run(above, _releases(above, duration_us, None), blocking)[items[at].name]

@@ -23,11 +23,20 @@ POLL_S = 0.001
 def add_bus_options(parser: argparse.ArgumentParser) -> None:
     """-i, -c and -b."""
     parser.add_argument(
-        "-i", "--interface", metavar="NAME", required=True, help="of python-can: socketcan, virtual, slcan, ..."
+        "-i",
+        "--interface",
+        metavar="NAME",
+        required=True,
+        help="of python-can: socketcan, virtual, slcan, ...",
     )
     parser.add_argument("-c", "--channel", metavar="NAME", required=True, help="such as vcan0")
     parser.add_argument(
-        "-b", "--bitrate", metavar="BIT/S", type=int, default=None, help="for interfaces that set it: 1000000"
+        "-b",
+        "--bitrate",
+        metavar="BIT/S",
+        type=int,
+        default=None,
+        help="for interfaces that set it: 1000000",
     )
 
 
@@ -41,7 +50,7 @@ def check_bitrate(bitrate: int | None) -> None:
 def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: Any) -> can.BusABC:
     """A python-can bus.   Errors: BusError on one line when it cannot be opened."""
     check_bitrate(bitrate)
-    options = {} if bitrate is None else {"bitrate": bitrate}
+    options: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
     try:
         bus = can.Bus(channel=channel, interface=interface, **options, **more)
     except BusError:
@@ -73,10 +82,14 @@ def now_us() -> int:
 
 def is_ours(message: can.Message) -> bool:
     """A classical data frame with an 11-bit identifier."""
-    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd)
+    return not (
+        message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd
+    )
 
 
-def serve(bus: can.BusABC, drives: Drives, stop: Callable[[], bool], duration_s: float | None = None) -> None:
+def serve(
+    bus: can.BusABC, drives: Drives, stop: Callable[[], bool], duration_s: float | None = None
+) -> None:
     """Run the drives on any python-can bus until `stop()` or the end of `duration_s`, by the monotonic clock."""
     end_s = None if duration_s is None else time.monotonic() + duration_s
     next_s = time.monotonic()

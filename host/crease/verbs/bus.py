@@ -29,14 +29,31 @@ def add_parser(sub: SubParsers) -> None:
         help="watch the motor bus; its EDS, DBC and schedule",
         description="A live table of the frames on the bus, decoded; or the files and the timing that belong to it.",
     )
-    parser.add_argument("-i", "--interface", metavar="NAME", help="of python-can: socketcan, virtual, slcan, ...")
+    parser.add_argument(
+        "-i", "--interface", metavar="NAME", help="of python-can: socketcan, virtual, slcan, ..."
+    )
     parser.add_argument("-c", "--channel", metavar="NAME", help="such as vcan0")
-    parser.add_argument("-b", "--bitrate", metavar="BIT/S", type=int, help="for interfaces that set it: 1000000")
-    parser.add_argument("--read", metavar="LOG", type=Path, help="a log instead of a bus: .log, .asc, .blf")
-    parser.add_argument("-o", "--log", metavar="LOG", type=Path, help="keep every frame: .log (candump), .asc, .blf")
-    parser.add_argument("--seconds", metavar="S", type=number(0.001, 1e6), help="stop after this time")
-    parser.add_argument("--export", metavar="DIR", type=Path, help="write the EDS of every drive and the DBC of the bus")
-    parser.add_argument("--schedule", action="store_true", help="worst-case response times of every frame")
+    parser.add_argument(
+        "-b", "--bitrate", metavar="BIT/S", type=int, help="for interfaces that set it: 1000000"
+    )
+    parser.add_argument(
+        "--read", metavar="LOG", type=Path, help="a log instead of a bus: .log, .asc, .blf"
+    )
+    parser.add_argument(
+        "-o", "--log", metavar="LOG", type=Path, help="keep every frame: .log (candump), .asc, .blf"
+    )
+    parser.add_argument(
+        "--seconds", metavar="S", type=number(0.001, 1e6), help="stop after this time"
+    )
+    parser.add_argument(
+        "--export",
+        metavar="DIR",
+        type=Path,
+        help="write the EDS of every drive and the DBC of the bus",
+    )
+    parser.add_argument(
+        "--schedule", action="store_true", help="worst-case response times of every frame"
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
@@ -91,7 +108,9 @@ def _schedule(args: argparse.Namespace) -> None:
     ]
     budget_us = schedule.compute_budget_us(ours, float(dictionary.bus["period_us"]))
     if args.json:
-        messages = [vars(r) | {"with_error_us": e.response_us} for r, e in zip(found, struck, strict=True)]
+        messages = [
+            vars(r) | {"with_error_us": e.response_us} for r, e in zip(found, struck, strict=True)
+        ]
         print_json({"messages": messages, "layouts": rows, "compute_budget_us": budget_us})
         return
     print("COB-ID  frame           bits   period us  response us  with one bus error per 10 ms")
@@ -133,7 +152,9 @@ def _read(args: argparse.Namespace) -> None:
 
 def _check_suffix(path: Path) -> None:
     if path.suffix.lower() not in LOG_SUFFIXES:
-        raise BusError(f"{path}: the suffix is not one of {', '.join(LOG_SUFFIXES)}; other formats lose frames")
+        raise BusError(
+            f"{path}: the suffix is not one of {', '.join(LOG_SUFFIXES)}; other formats lose frames"
+        )
 
 
 def _show(args: argparse.Namespace, monitor: Monitor) -> None:
@@ -168,7 +189,11 @@ def _watch(args: argparse.Namespace) -> None:
 
 
 def _listen(
-    bus: can.BusABC, monitor: Monitor, listeners: list[can.Listener], seconds: float | None, live: bool
+    bus: can.BusABC,
+    monitor: Monitor,
+    listeners: list[can.Listener],
+    seconds: float | None,
+    live: bool,
 ) -> None:
     end_s = None if seconds is None else time.monotonic() + seconds
     drawn_s = time.monotonic()

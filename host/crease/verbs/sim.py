@@ -26,25 +26,36 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "sim",
         help="simulated drives, mechanism and operator on a bus",
-        description="Three CiA 402 drives with the device and its operator behind them. A SYNC moves the device by one period. "
-        "Stop with Ctrl-C.",
+        description="Three CiA 402 drives with the device and its operator behind them. A SYNC moves the device by one "
+        "period. Stop with Ctrl-C.",
     )
     add_bus_options(parser)
-    parser.add_argument("--wall-clock", action="store_true", help="the device moves with the clock, not with the SYNC")
-    parser.add_argument("--seconds", metavar="S", type=number(0.001, 1e6), help="stop after this time")
+    parser.add_argument(
+        "--wall-clock",
+        action="store_true",
+        help="the device moves with the clock, not with the SYNC",
+    )
+    parser.add_argument(
+        "--seconds", metavar="S", type=number(0.001, 1e6), help="stop after this time"
+    )
     parser.add_argument(
         "--operator",
         metavar="PATH.csv",
         type=Path,
-        help="targets of the hand: t_s,x_m,y_m,z_m and perhaps yaw_rad,pitch_rad,roll_rad; starts when the drives are enabled",
+        help="targets of the hand: t_s,x_m,y_m,z_m, perhaps yaw_rad,pitch_rad,roll_rad; starts with the drives enabled",
     )
-    parser.add_argument("--device", metavar="SIM.toml", type=Path, help="parameters that differ from the default device")
+    parser.add_argument(
+        "--device",
+        metavar="SIM.toml",
+        type=Path,
+        help="parameters that differ from the default device",
+    )
     parser.add_argument(
         "--fault",
         metavar="KIND:tick=N,...",
         action="append",
         default=[],
-        help=f"{', '.join(FAULT_KINDS)}; with tick, ticks, axis (X, Y, Z), id, to (drives, host), value; may be given again",
+        help=f"{', '.join(FAULT_KINDS)}; with tick, ticks, axis (X, Y, Z), id, to (drives, host), value; repeatable",
     )
     add_json(parser)
     parser.set_defaults(run=run)
@@ -70,7 +81,9 @@ def parse_fault(text: str) -> Fault:
                 f"fault '{text}': '{part}' is not understood; write KIND:tick=N,ticks=N,axis=X,id=0x191,to=host,value=N"
             ) from error
     if kind not in FAULT_KINDS or "tick" not in values:
-        raise BusError(f"fault '{text}': write KIND:tick=N with KIND one of {', '.join(FAULT_KINDS)}")
+        raise BusError(
+            f"fault '{text}': write KIND:tick=N with KIND one of {', '.join(FAULT_KINDS)}"
+        )
     return Fault(kind=kind, **values)
 
 
@@ -113,7 +126,9 @@ def run(args: argparse.Namespace) -> None:
 
     check_bitrate(args.bitrate)
     if args.interface == "inprocess":
-        raise BusError("interface inprocess: lives inside one program and has its own drives; use socketcan or virtual")
+        raise BusError(
+            "interface inprocess: lives inside one program and has its own drives; use socketcan or virtual"
+        )
     params = load_params(args.device)
     drives = Drives(
         params,
@@ -139,7 +154,10 @@ def run(args: argparse.Namespace) -> None:
         print_lines(
             [
                 ("ticks", f"{counters.ticks:,}"),
-                ("frames", f"{counters.frames_in:,} in, {counters.frames_out:,} out, {counters.frames_ignored:,} not for us"),
+                (
+                    "frames",
+                    f"{counters.frames_in:,} in, {counters.frames_out:,} out, {counters.frames_ignored:,} not for us",
+                ),
                 ("lost", f"{counters.frames_dropped + lost:,}"),
                 ("faults", f"{counters.faults_done:,}"),
                 ("drives", ", ".join(drives.drive(axis).state for axis in range(3))),
@@ -173,7 +191,10 @@ def _run_any(args: argparse.Namespace, drives: Drives) -> int:
     bus = open_bus(args.interface, args.channel, args.bitrate)
     main_thread = True
     try:
-        before = [signal.signal(number, lambda n, _: stopped.append(n)) for number in (signal.SIGINT, signal.SIGTERM)]
+        before = [
+            signal.signal(number, lambda n, _: stopped.append(n))
+            for number in (signal.SIGINT, signal.SIGTERM)
+        ]
     except ValueError:
         main_thread = False
     try:

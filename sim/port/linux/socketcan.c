@@ -89,7 +89,8 @@ static int receive_one(cr_sim *sim, int bus, cr_sim_run_report *report) {
     struct can_frame raw;
     char control[CMSG_SPACE(sizeof(uint32_t))];
     struct iovec part = {&raw, sizeof raw};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = control, .msg_controllen = sizeof control};
+    struct msghdr message = {
+        .msg_iov = &part, .msg_iovlen = 1, .msg_control = control, .msg_controllen = sizeof control};
     const ssize_t got = recvmsg(bus, &message, 0);
     if (got < 0) {
         report->error_number = errno;

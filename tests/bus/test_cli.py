@@ -1,0 +1,204 @@
+"""`crease sim` and `crease bus` as a person uses them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from bus_tools import NODES, Link, enable, last_state, make_link, setup_layout, torques
+from crease.cli import main
+from crease.verbs.sim import load_path, parse_fault
+from host_tools import Said
+
+LOGS = (".log", ".asc", ".blf")
+
+
+def crease(*args: object) -> Said:
+    """One command line in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main([str(arg) for arg in args])
+    return Said(status, out.getvalue(), err.getvalue())
+
+
+@contextlib.contextmanager
+def chatter(link: Link) -> Iterator[None]:
+    """A host that sends torques and SYNC all the time."""
+    stop = threading.Event()
+
+    def run() -> None:
+        while not stop.is_set():
+            link.send(0x181, torques(10, 20, -30))
+            link.sync()
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("suffix", LOGS)
+def test_bus_shows_decoded_frames_and_its_log_reads_back_the_same(
+    link: Link, tmp_path: Path, suffix: str
+) -> None:
+    setup_layout(link)
+    enable(link)
+    log = tmp_path / f"bus{suffix}"
+    with chatter(link):
+        live = crease(
+            "bus", "-i", link.transport, "-c", link.channel, "--seconds", "0.3", "-o", log, "--json"
+        )
+    assert live.status == 0, live.err
+    seen = json.loads(live.out)
+    assert seen["frames"]["0x181"]["values"] == pytest.approx(
+        {"X N": 0.1, "Y Nm": 0.072, "Z Nm": -0.108}
+    )
+    assert seen["frames"]["0x191"]["values"]["state"] == "operation enabled"
+    assert seen["frames"]["0x192"]["count"] > 20
+    assert seen["missed"] <= 3, "the three answers to the SYNC before the first one we heard"
+    again = json.loads(crease("bus", "--read", log, "--json").out)
+    counts = {cob: row["count"] for cob, row in seen["frames"].items()}
+    assert {cob: row["count"] for cob, row in again["frames"].items()} == counts
+    assert again["frames"]["0x193"]["values"] == seen["frames"]["0x193"]["values"]
+
+
+def test_bus_counts_what_is_missing_or_malformed(tmp_path: Path) -> None:
+    path = tmp_path / "bad.log"
+    with can.Logger(path) as log:
+        for tick in range(10):
+            stamp = 1.0 + 0.001 * tick
+            frames = [(0x080, b""), *((0x180 + n, bytes(8)) for n in NODES)]
+            if tick == 5:
+                frames.pop()
+            if tick == 7:
+                frames.append((0x191, b"\x01"))
+                frames.append((0x333, b"\x01"))
+            for cob, data in frames:
+                log.on_message_received(
+                    can.Message(
+                        arbitration_id=cob,
+                        data=data,
+                        is_extended_id=False,
+                        timestamp=stamp,
+                        channel="c",
+                    )
+                )
+    report = json.loads(crease("bus", "--read", path, "--json").out)
+    assert report["missed"] == 1
+    assert report["frames"]["0x191"]["malformed"] == 1
+    assert report["frames"]["0x333"]["name"] == "unknown"
+    assert "answers missed" in crease("bus", "--read", path).out
+
+
+def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
+    assert crease("bus", "--export", tmp_path / "out").status == 0
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "crease.dbc", "crease_x.eds", "crease_y.eds", "crease_z.eds",
+    ]  # fmt: skip
+    assert "805" in crease("bus", "--schedule").out
+    report = json.loads(crease("bus", "--schedule", "--json").out)
+    assert report["compute_budget_us"] == 425.0
+    assert [row["feasible"] for row in report["layouts"]] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        (["sim", "-i", "socketcan", "-c", "nowhere7"], "there is no such interface"),
+        (["sim", "-i", "nothing", "-c", "x"], "cannot be opened"),
+        (["sim", "-i", "inprocess", "-c", "x"], "use socketcan or virtual"),
+        (["sim", "-i", "virtual", "-c", "x", "-b", "500000"], "runs at 1000000"),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop"], "write KIND:tick=N"),
+        (
+            ["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,axis=Q"],
+            "'axis=Q' is not understood",
+        ),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=0x800"], "out of range"),
+        (
+            ["sim", "-i", "virtual", "-c", "x", "--operator", "/nowhere.csv"],
+            "there is no such file",
+        ),
+        (["sim", "-i", "virtual", "-c", "x", "--device", "/nowhere.toml"], "cannot be read"),
+        (["bus"], "nothing to watch"),
+        (["bus", "-i", "nothing", "-c", "x"], "cannot be opened"),
+        (["bus", "-i", "virtual", "-c", "x", "-o", "/tmp/a.trc"], "other formats lose frames"),
+        (["bus", "--read", "/nowhere.log"], "there is no such file"),
+    ],
+)
+def test_wrong_words_get_one_clear_line(args: list[str], text: str) -> None:
+    said = crease(*args)
+    assert said.status == 1
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1
+    assert text in said.err
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("hand_mass = 1.0", "parameter 'hand_mass' is not known"),
+        ("hand_mass_kg = 'heavy'", "is not a finite number"),
+        ("hand_mass_kg = -1.0", "out of range"),
+        ("[axes.X]\nmass = 1.0", "parameter 'mass' is not known"),
+        ("[axes.W]\nmass_kg = 1.0", "axis 'W' is not known"),
+        ("axes = 3", "axes must be tables"),
+        ("= 3", "cannot be read"),
+    ],
+)
+def test_device_file_with_a_mistake_is_refused(tmp_path: Path, content: str, text: str) -> None:
+    path = tmp_path / "device.toml"
+    path.write_text(content, encoding="utf-8")
+    said = crease("sim", "-i", "virtual", "-c", "x", "--seconds", "0.01", "--device", path)
+    assert (said.status, said.err.count("\n")) == (1, 1)
+    assert text in said.err
+
+
+def test_operator_path_is_read_row_by_period(tmp_path: Path) -> None:
+    path = tmp_path / "operator.csv"
+    path.write_text("t_s,x_m,y_m,z_m,yaw_rad\n0,0,0.6,0,0\n0.01,0.01,0.6,0,0.1\n", encoding="utf-8")
+    rows = load_path(path, 1e-3)
+    assert rows is not None
+    assert rows.shape == (11, 6)
+    assert rows[5] == pytest.approx([0.005, 0.6, 0.0, 0.05, 0.0, 0.0])
+    assert np.isfinite(rows).all()
+
+
+def test_fault_text_says_all_that_a_row_can() -> None:
+    fault = parse_fault("delay:tick=100,ticks=3,axis=Z,id=0x181,to=drives,value=2")
+    assert (fault.kind, fault.tick, fault.ticks, fault.axis) == ("delay", 100, 3, 2)
+    assert (fault.id, fault.to_drives, fault.value) == (0x181, True, 2)
+
+
+def test_sim_serves_a_python_can_bus_and_reports() -> None:
+    result: list[Said] = []
+    with make_link("inprocess"):
+        pass  # a bus that was there and went leaves nothing behind
+    thread = threading.Thread(
+        target=lambda: result.append(
+            crease("sim", "-i", "virtual", "-c", "served", "--seconds", "1.5", "--json")
+        )
+    )
+    thread.start()
+    with can.Bus(interface="virtual", channel="served") as bus:
+        link = Link("virtual", "served", bus)
+        time.sleep(0.3)
+        setup_layout(link)
+        enable(link)
+        link.sync(5)
+        assert last_state(link, 0x11)[2] & 0x6F == 0x27
+        thread.join()
+    report = json.loads(result[0].out)
+    assert report["states"] == ["operation enabled"] * 3
+    assert report["ticks"] >= 17
+    assert report["frames_lost"] == 0

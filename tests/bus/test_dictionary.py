@@ -1,0 +1,89 @@
+"""One dictionary: what is generated from it is accepted, and read the same, by tools of others."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import canopen
+import cantools
+import pytest
+from crease.bus.dictionary import load
+from crease.bus.generate import committed
+from crease.bus.header import count_line
+from crease.bus.monitor import Decoder
+
+ROOT = Path(__file__).resolve().parents[2]
+AXES = ("x", "y", "z")
+
+
+def load_dbc(generated: Path) -> Any:
+    """The DBC as cantools has it."""
+    return cantools.database.load_file(generated / "crease.dbc")
+
+
+def test_committed_files_are_what_the_dictionary_says() -> None:
+    for path, text in committed().items():
+        assert path.read_text(encoding="utf-8") == text, (
+            f"{path}: run python -m crease.bus.generate"
+        )
+    assert count_line(load()) in (ROOT / "sim" / "canopen.h").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_dcfchk_accepts_every_eds_without_a_word(generated: Path, axis: str) -> None:
+    node = str(0x11 + AXES.index(axis))
+    program = Path(sys.executable).with_name("dcfchk")
+    said = subprocess.run(
+        [program, "-n", node, generated / f"crease_{axis}.eds"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (said.returncode, said.stdout, said.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_canopen_reads_every_object_as_the_dictionary_has_it(generated: Path, axis: int) -> None:
+    dictionary = load()
+    one = dictionary.axes[axis]
+    od = canopen.import_od(str(generated / f"crease_{AXES[axis]}.eds"), one.node)
+    for entry in dictionary.entries:
+        found = od[entry.index] if entry.kind == "var" else od[entry.index][entry.sub]
+        assert found.data_type == entry.data.code
+        assert found.access_type == entry.access
+        assert found.default == dictionary.resolve(entry.value, one), (
+            f"{entry.index:04X}:{entry.sub}"
+        )
+
+
+def test_cantools_decodes_every_frame_as_the_monitor_does(generated: Path) -> None:
+    database = load_dbc(generated)
+    decoder = Decoder(load())
+    data = bytes([0x12, 0xFF, 0x34, 0xFE, 0x56, 0x01, 0x27, 0x06])
+    for cob, name in ((0x181, "TORQUE"), *((0x191 + i, f"STATE {'XYZ'[i]}") for i in range(3))):
+        message = database.get_message_by_frame_id(cob)
+        payload = data[: message.length]
+        theirs = message.decode(payload, decode_choices=False)
+        said, ours = decoder.decode(cob, payload)
+        assert said == name
+        assert ours is not None
+        if cob == 0x181:
+            pairs = [(f"torque_{a}", next(k for k in ours if k.startswith(a))) for a in "XYZ"]
+        else:
+            pairs = [
+                (k, next(o for o in ours if o.startswith(k)))
+                for k in ("position", "torque", "statusword")
+            ]
+        for their_key, our_key in pairs:
+            assert theirs[their_key] == pytest.approx(ours[our_key], abs=1e-9)
+
+
+def test_dbc_covers_every_cyclic_and_event_frame_of_the_timing_model(generated: Path) -> None:
+    database = load_dbc(generated)
+    known = {message.frame_id: message.length for message in database.messages}
+    for message in load().messages():
+        if not message.name.startswith("SDO"):
+            assert known[message.cob] == message.bytes, message.name

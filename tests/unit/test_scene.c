@@ -1,0 +1,424 @@
+/* Opening an image: a valid one is taken, every kind of damage has its own code, and nothing is written on failure. */
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define TICKS 20
+
+static uint8_t *good;
+static uint32_t good_size;
+static uint8_t *damaged;
+
+/* A small image with a tree of two levels, and room for a damaged copy. */
+static int make_image(void **state) {
+    (void)state;
+    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {4e-3, 4e-3, 4e-3};
+    crt_solid block = crt_box(-6e-3, 6e-3, 6e-3, -12e-3, 0.0);
+    crt_tool tool = crt_tool_new(1e-3);
+    crt_add_box(&tool, centre, half);
+    good = crt_image(&block, &tool, 4e-3, &good_size);
+    crt_tool_free(&tool);
+    damaged = aligned_alloc(CR_IMG_ALIGN, good_size);
+    return damaged == NULL;
+}
+
+static int drop_image(void **state) {
+    (void)state;
+    free(good);
+    free(damaged);
+    return 0;
+}
+
+static struct cr_img_header *header(void) { return (struct cr_img_header *)(void *)damaged; }
+
+static void restore(void) { memcpy(damaged, good, good_size); }
+
+static cr_err open_damaged(void) {
+    cr_scene scene, before;
+    memset(&scene, 0xa5, sizeof scene);
+    before = scene;
+    cr_err err = cr_scene_open(&scene, damaged, good_size);
+    assert_true(err == CR_OK || memcmp(&scene, &before, sizeof scene) == 0);
+    return err;
+}
+
+static cr_err open_sealed(void) {
+    crt_seal(damaged);
+    return open_damaged();
+}
+
+static void scene_opens_a_valid_image(void **state) {
+    (void)state;
+    cr_scene s;
+    assert_int_equal(cr_scene_open(&s, good, good_size), CR_OK);
+    assert_int_equal(s.meta->levels, 2);
+    assert_int_equal(s.cluster_count, 32);
+    assert_int_equal(s.facet_count, 6);
+    assert_int_equal(s.pair_count, 12);
+    assert_ptr_equal(s.meta, crt_section(good, CR_SEC_META));
+    assert_int_equal(s.adj_start[s.cluster_count], s.adj_count);
+}
+
+static void scene_takes_memory_longer_than_the_image(void **state) {
+    (void)state;
+    uint8_t *longer = aligned_alloc(CR_IMG_ALIGN, good_size + 64u);
+    cr_scene s;
+    memcpy(longer, good, good_size);
+    memset(longer + good_size, 0xff, 64);
+    assert_int_equal(cr_scene_open(&s, longer, good_size + 64u), CR_OK);
+    free(longer);
+}
+
+static void scene_refuses_null(void **state) {
+    (void)state;
+    cr_scene s;
+    assert_int_equal(cr_scene_open(NULL, good, good_size), CR_ERR_NULL);
+    assert_int_equal(cr_scene_open(&s, NULL, good_size), CR_ERR_NULL);
+}
+
+static void scene_refuses_an_unaligned_image(void **state) {
+    (void)state;
+    uint8_t *room = aligned_alloc(CR_IMG_ALIGN, good_size + 64u);
+    cr_scene s;
+    memcpy(room + 4, good, good_size);
+    assert_int_equal(cr_scene_open(&s, room + 4, good_size), CR_ERR_ALIGN);
+    free(room);
+}
+
+/* The memory ends where it says, so that a sanitizer sees any read beyond. */
+static void scene_refuses_every_shorter_image(void **state) {
+    (void)state;
+    for (uint32_t size = 0; size < good_size; size += size < 400u ? 1u : 977u) {
+        uint8_t *cut = aligned_alloc(CR_IMG_ALIGN, (size / 64u + 1u) * 64u);
+        cr_scene s;
+        memcpy(cut, good, size);
+        cr_err err = cr_scene_open(&s, cut, size);
+        assert_int_equal(err, size < 8u ? CR_ERR_MAGIC : CR_ERR_SIZE);
+        free(cut);
+    }
+}
+
+static void scene_refuses_foreign_bytes(void **state) {
+    (void)state;
+    restore();
+    damaged[7] = '\0';
+    assert_int_equal(open_sealed(), CR_ERR_MAGIC);
+    memset(damaged, 0, good_size);
+    assert_int_equal(open_damaged(), CR_ERR_MAGIC);
+}
+
+static void scene_refuses_another_version(void **state) {
+    (void)state;
+    restore();
+    header()->version = CR_IMAGE_VERSION + 1u;
+    assert_int_equal(open_sealed(), CR_ERR_VERSION);
+}
+
+static void scene_refuses_a_size_beyond_the_memory(void **state) {
+    (void)state;
+    restore();
+    header()->size_bytes = good_size + 64u;
+    assert_int_equal(open_damaged(), CR_ERR_SIZE);
+    header()->size_bytes = 64u;
+    assert_int_equal(open_damaged(), CR_ERR_SIZE);
+}
+
+static void scene_refuses_one_changed_byte_anywhere(void **state) {
+    (void)state;
+    uint64_t seed = 11u;
+    for (int i = 0; i < 300; i++) {
+        restore();
+        damaged[(uint32_t)crt_uniform(&seed, 64.0, good_size)] ^= (uint8_t)(1u << (i % 8));
+        assert_int_equal(open_damaged(), CR_ERR_CRC);
+    }
+}
+
+static void scene_refuses_a_wrong_number_of_sections(void **state) {
+    (void)state;
+    for (int step = -1; step <= 1; step += 2) {
+        restore();
+        header()->section_count = (uint32_t)(CR_SEC_COUNT + step);
+        assert_int_equal(open_sealed(), CR_ERR_SECTION);
+    }
+}
+
+static void scene_refuses_a_bad_row_of_every_section(void **state) {
+    (void)state;
+    for (uint32_t id = 1; id <= CR_SEC_COUNT; id++) {
+        struct {
+            uint32_t id, offset, count, stride;
+        } bad[] = {{1, 0, 0, 0}, {0, 32, 0, 0}, {0, 0x80000000u, 0, 0}, {0, 0, 0x7fffffffu, 0}, {0, 0, 0, 4}};
+        for (size_t k = 0; k < sizeof bad / sizeof *bad; k++) {
+            restore();
+            struct cr_img_section *row = crt_row(damaged, id);
+            row->id += bad[k].id;
+            row->offset += bad[k].offset;
+            row->count += bad[k].count;
+            row->stride += bad[k].stride;
+            assert_int_equal(open_sealed(), CR_ERR_SECTION);
+        }
+        restore();
+        crt_row(damaged, id)->offset = 0u;
+        assert_int_equal(open_sealed(), CR_ERR_SECTION);
+    }
+}
+
+static void scene_refuses_sections_that_must_not_be_empty(void **state) {
+    (void)state;
+    const uint32_t needed[] = {CR_SEC_META,     CR_SEC_TOP,  CR_SEC_SAMPLES, CR_SEC_KINDS,
+                               CR_SEC_CLUSTERS, CR_SEC_SUMS, CR_SEC_GROUPS,  CR_SEC_ADJ_START};
+    for (size_t i = 0; i < sizeof needed / sizeof *needed; i++) {
+        restore();
+        crt_row(damaged, needed[i])->count = 0u;
+        assert_int_equal(open_sealed(), CR_ERR_SECTION);
+    }
+}
+
+static void scene_refuses_tables_that_disagree_on_their_length(void **state) {
+    (void)state;
+    const uint32_t tables[] = {CR_SEC_TOP, CR_SEC_SUMS, CR_SEC_ADJ_START};
+    for (size_t i = 0; i < sizeof tables / sizeof *tables; i++) {
+        restore();
+        crt_row(damaged, tables[i])->count--;
+        assert_int_equal(open_sealed(), CR_ERR_SECTION);
+    }
+    const uint32_t dims[][3] = {{0xffffffffu, 1u, 1u}, {65537u, 1u, 1u}, {0u, 3u, 3u}, {65536u, 65536u, 65536u}};
+    for (size_t i = 0; i < sizeof dims / sizeof *dims; i++) {
+        restore();
+        struct cr_img_meta *m = crt_section(damaged, CR_SEC_META);
+        memcpy(m->dims, dims[i], sizeof m->dims);
+        assert_int_equal(open_sealed(), CR_ERR_SECTION);
+    }
+}
+
+/* Write one word of a section and see what opening says. */
+static cr_err with_word(uint32_t id, size_t offset_bytes, uint32_t word) {
+    restore();
+    memcpy((uint8_t *)crt_section(damaged, id) + offset_bytes, &word, sizeof word);
+    return open_sealed();
+}
+
+static cr_err with_float(uint32_t id, size_t offset_bytes, float value) {
+    uint32_t word;
+    memcpy(&word, &value, sizeof word);
+    return with_word(id, offset_bytes, word);
+}
+
+/* An index of field `at` of the last record of section `id` that is just past its table. */
+#define PAST(id, type, at, word) \
+    with_word(id, (crt_row(good, id)->count - 1u) * sizeof(type) + offsetof(type, at), (uint32_t)(word))
+
+static void scene_refuses_an_index_past_every_table(void **state) {
+    (void)state;
+    cr_scene s;
+    assert_int_equal(cr_scene_open(&s, good, good_size), CR_OK);
+    assert_int_equal(with_word(CR_SEC_TOP, 0, s.brick_count), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, samples, s.sample_count - 728u), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, samples, 0xfffffff0u), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, cells, s.cell_count - 511u), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, cells, 0xfffffffeu), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, s.kind_count), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_CELLS, 0, s.kind_count), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, facet[0], s.facet_count), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_FACETS, struct cr_img_facet, patch, s.meta->patch_count), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_PAIRS, struct cr_img_pair, second, s.meta->patch_count), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_GROUPS, struct cr_img_group, child[0], s.cluster_count), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_ADJ_START, 4, s.adj_count + 1u), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_ADJ_START, 8, 0u), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_ADJ, 0, s.cluster_count), CR_ERR_INDEX);
+}
+
+static void scene_refuses_pairs_out_of_order(void **state) {
+    (void)state;
+    assert_int_equal(with_word(CR_SEC_PAIRS, 0, 5u), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_PAIRS, sizeof(struct cr_img_pair), 0u), CR_OK);
+    const struct cr_img_pair *first = crt_section(good, CR_SEC_PAIRS);
+    restore();
+    struct cr_img_pair *pairs = crt_section(damaged, CR_SEC_PAIRS);
+    pairs[1] = first[0];
+    assert_int_equal(open_sealed(), CR_ERR_INDEX);
+}
+
+static void scene_refuses_groups_in_a_cycle(void **state) {
+    (void)state;
+    size_t child = offsetof(struct cr_img_group, child);
+    assert_int_equal(with_word(CR_SEC_GROUPS, child, 0u), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_GROUPS, child + 4u, 3u), CR_ERR_INDEX);
+    /* A child at the wrong level, and one that is its own child. */
+    size_t level = sizeof(struct cr_img_group) + offsetof(struct cr_img_group, level);
+    assert_int_equal(with_word(CR_SEC_GROUPS, level, 0u), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_GROUPS, level, 2u), CR_ERR_INDEX);
+    restore();
+    struct cr_img_group *g = crt_section(damaged, CR_SEC_GROUPS);
+    g[1].leaf = 0u;
+    g[1].child[0] = 1u;
+    assert_int_equal(open_sealed(), CR_ERR_INDEX);
+}
+
+static void scene_refuses_a_tree_deeper_than_the_stack(void **state) {
+    (void)state;
+    size_t levels = offsetof(struct cr_img_meta, levels);
+    assert_int_equal(with_word(CR_SEC_META, levels, CR_TREE_DEPTH_MAX + 1u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_META, levels, 0u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_META, levels, 1u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_GROUPS, offsetof(struct cr_img_group, level), 1u), CR_ERR_VALUE);
+}
+
+static void scene_refuses_counts_out_of_range(void **state) {
+    (void)state;
+    assert_int_equal(with_word(CR_SEC_GROUPS, offsetof(struct cr_img_group, count), 0u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_GROUPS, offsetof(struct cr_img_group, count), CR_LANES + 1u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, count), 0u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, count), CR_LANES + 1u), CR_ERR_VALUE);
+    const uint32_t sides[] = {0u, 3u, 64u};
+    for (size_t i = 0; i < sizeof sides / sizeof *sides; i++) {
+        assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), sides[i]), CR_ERR_VALUE);
+    }
+    assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 2u << 16), CR_ERR_VALUE);
+    assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, count, CR_KIND_FACETS_MAX + 1u), CR_ERR_VALUE);
+    assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, count, 0u), CR_ERR_VALUE);
+    assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, kind, CR_KIND_MIXED + 1u), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_KINDS, 0, CR_KIND_PLANAR), CR_ERR_VALUE);
+}
+
+static void check_floats(uint32_t id, size_t first, size_t count) {
+    const float bad[] = {NAN, INFINITY, -INFINITY};
+    for (size_t i = 0; i < count; i++) {
+        for (size_t k = 0; k < 3; k++) {
+            assert_int_equal(with_float(id, first + 4u * i, bad[k]), CR_ERR_VALUE);
+        }
+    }
+}
+
+static void scene_refuses_every_number_that_is_not_finite(void **state) {
+    (void)state;
+    check_floats(CR_SEC_META, 0, 4);
+    check_floats(CR_SEC_META, offsetof(struct cr_img_meta, voxel_m),
+                 (offsetof(struct cr_img_meta, point_count) - offsetof(struct cr_img_meta, voxel_m)) / 4u);
+    check_floats(CR_SEC_FACETS, sizeof(struct cr_img_facet), 4);
+    check_floats(CR_SEC_EDGES, 0, 6);
+    check_floats(CR_SEC_GROUPS, 0, 6u * CR_LANES);
+    check_floats(CR_SEC_CLUSTERS, 0, offsetof(struct cr_img_cluster, count) / 4u);
+    check_floats(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, normal), 4);
+    check_floats(CR_SEC_SUMS, 0, 7);
+}
+
+static void scene_refuses_numbers_without_meaning(void **state) {
+    (void)state;
+    const struct {
+        size_t at;
+        float value;
+    } bad[] = {{offsetof(struct cr_img_meta, brick_m), 0.0f},        {offsetof(struct cr_img_meta, brick_m), 1e5f},
+               {offsetof(struct cr_img_meta, band_m), 0.0f},         {offsetof(struct cr_img_meta, quantum_m), -1.0f},
+               {offsetof(struct cr_img_meta, error_out_m), -1e-6f},  {offsetof(struct cr_img_meta, error_in_m), -1e-6f},
+               {offsetof(struct cr_img_meta, root_radius_m), -1.0f}, {offsetof(struct cr_img_meta, ramp_max_m), -1.0f},
+               {offsetof(struct cr_img_meta, crease_m), -1.0f},      {offsetof(struct cr_img_meta, tool_radius_m), -1.0f}};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        assert_int_equal(with_float(CR_SEC_META, bad[i].at, bad[i].value), CR_ERR_VALUE);
+    }
+    assert_int_equal(with_float(CR_SEC_FACETS, 0, 3.0f), CR_ERR_VALUE);
+}
+
+static void scene_error_texts_are_all_there(void **state) {
+    (void)state;
+    for (int err = CR_ERR_CONFIG; err <= 1; err++) {
+        assert_true(strlen(cr_err_text((cr_err)err)) > 5u);
+    }
+    assert_string_equal(cr_err_text((cr_err)-99), "unknown error");
+}
+
+/* Twenty ticks down into the block and turning, all of them sound. */
+static int ticks_are_sound(const cr_scene *scene) {
+    cr_config config = cr_config_default();
+    size_t size = cr_world_size(scene, &config);
+    void *memory = aligned_alloc(CR_IMG_ALIGN, size);
+    cr_world *world = NULL;
+    int good_so_far = cr_world_init(&world, memory, size, scene, &config) == CR_OK;
+    for (int i = 0; good_so_far && i < TICKS; i++) {
+        cr_output out;
+        cr_pose pose = crt_pose(3e-3, 1e-3, 8e-3 - 1e-3 * i);
+        pose.rot = crt_turn(1.0, 2.0, 0.5, 0.1 * i);
+        cr_tick(world, &pose, 1e-3f, &out);
+        good_so_far = crt_is_sound(&out, &config);
+    }
+    free(memory);
+    return good_so_far;
+}
+
+/* Whether the damaged image, sealed again, is refused or answers soundly; says where it does not. */
+static int survives(uint32_t section, uint32_t byte, uint32_t bit) {
+    cr_scene scene;
+    crt_seal(damaged);
+    if (cr_scene_open(&scene, damaged, good_size) != CR_OK || ticks_are_sound(&scene)) {
+        return 1;
+    }
+    print_message("section %u: byte %u, bit %u: opens, and the output is not finite\n", section, byte, bit);
+    return 0;
+}
+
+static void scene_survives_every_flipped_bit_of_header_and_table(void **state) {
+    (void)state;
+    uint32_t head = (uint32_t)(sizeof(struct cr_img_header) + CR_SEC_COUNT * sizeof(struct cr_img_section));
+    restore();
+    for (uint32_t bit = 0; bit < 8u * head; bit++) {
+        damaged[bit / 8u] ^= (uint8_t)(1u << (bit % 8u));
+        assert_int_not_equal(open_damaged(), CR_OK);
+        if (header()->size_bytes <= good_size && header()->size_bytes >= head) {
+            assert_true(survives(0u, bit / 8u, bit % 8u));
+        }
+        memcpy(damaged, good, head);
+    }
+}
+
+static void scene_survives_flipped_bits_of_every_section(void **state) {
+    (void)state;
+    uint64_t seed = 5u;
+    uint32_t bad = 0u;
+    restore();
+    for (uint32_t id = 1; id <= CR_SEC_COUNT; id++) {
+        const struct cr_img_section *row = crt_row(good, id);
+        uint32_t bytes = row->count * row->stride;
+        for (uint32_t i = 0; i < 250u; i++) {
+            uint32_t at = row->offset + (uint32_t)crt_uniform(&seed, 0.0, bytes), bit = i % 8u;
+            damaged[at] ^= (uint8_t)(1u << bit);
+            bad += !survives(id, at - row->offset, bit);
+            damaged[at] = good[at];
+        }
+    }
+    assert_int_equal(bad, 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(scene_opens_a_valid_image),
+        cmocka_unit_test(scene_takes_memory_longer_than_the_image),
+        cmocka_unit_test(scene_refuses_null),
+        cmocka_unit_test(scene_refuses_an_unaligned_image),
+        cmocka_unit_test(scene_refuses_every_shorter_image),
+        cmocka_unit_test(scene_refuses_foreign_bytes),
+        cmocka_unit_test(scene_refuses_another_version),
+        cmocka_unit_test(scene_refuses_a_size_beyond_the_memory),
+        cmocka_unit_test(scene_refuses_one_changed_byte_anywhere),
+        cmocka_unit_test(scene_refuses_a_wrong_number_of_sections),
+        cmocka_unit_test(scene_refuses_a_bad_row_of_every_section),
+        cmocka_unit_test(scene_refuses_sections_that_must_not_be_empty),
+        cmocka_unit_test(scene_refuses_tables_that_disagree_on_their_length),
+        cmocka_unit_test(scene_refuses_an_index_past_every_table),
+        cmocka_unit_test(scene_refuses_pairs_out_of_order),
+        cmocka_unit_test(scene_refuses_groups_in_a_cycle),
+        cmocka_unit_test(scene_refuses_a_tree_deeper_than_the_stack),
+        cmocka_unit_test(scene_refuses_counts_out_of_range),
+        cmocka_unit_test(scene_refuses_every_number_that_is_not_finite),
+        cmocka_unit_test(scene_refuses_numbers_without_meaning),
+        cmocka_unit_test(scene_error_texts_are_all_there),
+        cmocka_unit_test(scene_survives_every_flipped_bit_of_header_and_table),
+        cmocka_unit_test(scene_survives_flipped_bits_of_every_section),
+    };
+    return cmocka_run_group_tests(tests, make_image, drop_image);
+}
