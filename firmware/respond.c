@@ -218,7 +218,7 @@ static void make_generators(const cr_respond_input *in, uint32_t area, const cr_
     }
     float length = v3_norm(left);
     float part =
-        responses[in->config->response].bends && room > 0.0f ? min_f(1.0f, room / max_f(length, 1e-20f)) / room : 0.0f;
+        room > 0.0f ? min_f(1.0f, room / max_f(length, 1e-20f)) / room : 0.0f;
     for (uint32_t i = 0; i < a->zone_count; i++) {
         const cr_zone *zone = &a->zones[i];
         float bend = part * w->alpha[i] * a->shapes[i].spread_rad * SPREAD_REACH;

@@ -459,10 +459,11 @@ void cr_mech_read(const cr_mech *mech, cr_sim_state *state) {
 }
 
 void cr_mech_kick(cr_mech *mech, uint32_t axis, double rate) {
-    dBodyID bodies[] = {mech->carriage, mech->upper,    mech->fore,    mech->hand,
-                        mech->motor[X], mech->motor[Y], mech->motor[Z]};
+    enum { BODIES = 7 };
+    const dBodyID bodies[BODIES] = {mech->carriage, mech->upper,    mech->fore,    mech->hand,
+                                    mech->motor[X], mech->motor[Y], mech->motor[Z]};
     if (axis == (uint32_t)X) {
-        for (size_t i = 0; i < sizeof bodies / sizeof *bodies; i++) {
+        for (size_t i = 0; i < BODIES; i++) {
             if (bodies[i] != NULL) {
                 dBodySetLinearVel(bodies[i], rate, 0, 0);
             }

@@ -129,7 +129,7 @@ static void mechanism_at_rest_stays_at_rest(void **state) {
     cr_mech *mech = cr_mech_create(&p);
     cr_sim_state before, after;
     cr_mech_read(mech, &before);
-    cr_mech_advance(mech, 10000);
+    cr_mech_advance(mech, 50000);
     cr_mech_read(mech, &after);
     for (int i = 0; i < CR_SIM_AXES; i++) {
         assert_true(fabs(after.tip_pos_m[i] - before.tip_pos_m[i]) < 1e-3);

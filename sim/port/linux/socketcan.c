@@ -1,4 +1,4 @@
-#define _GNU_SOURCE
+#define _GNU_SOURCE /* NOLINT: SO_RCVBUFFORCE */
 #include "socketcan.h"
 
 #include <errno.h>
