@@ -173,6 +173,8 @@ bench-loop: build/.host ## stability of the closed loop: the simulator against t
 # ----------------------------------------------------------------------------------------------- hardware in the loop
 # Protocol tests on a real vcan0: the kernel's own where there is one, else in User-Mode Linux with virtual time.
 
+# Length of the two runs whose logs must be identical.
+HIL_SECONDS ?= 5
 HIL_TESTS := tests/bus/test_drive.py tests/bus/test_cli.py $(wildcard tests/hil/test_*.py)
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
 
@@ -181,7 +183,8 @@ hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside th
 
 hil: build/.host build/gcc/creased hil-kernel ## tests on a real vcan: native, or in User-Mode Linux with virtual time
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: vcan0 of this kernel"; $(call HIL_PYTEST,); \
-	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,tests/hil/lab/vcan-run -V); fi
+	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,CREASE_VIRTUAL_TIME=1 tests/hil/lab/vcan-run -V); \
+	    $(PY) tests/hil/repeat.py --seconds $(HIL_SECONDS); fi
 
 # ---------------------------------------------------------------------------------------------------------- lint
 

@@ -9,6 +9,10 @@
 #define FREE_TICKS 4u
 /* Below this speed the passivity controller waits: dividing by v would give noise, and there is no work to undo. */
 #define STILL_M_S 1e-3f
+/* The passivity controller spreads its work over so many periods. All at once, as [7] has it, it multiplies the noise of the
+ * speed by its largest damping: buzz at the three-face corner 0.050 m/s^2, 0.044 with ten periods, 0.041 without it; a mass
+ * that a wall of 3000 N/m throws back with 1.057 of its speed comes back with 1.015, 1.033, 1.057. */
+#define DISSIPATE_PERIODS 10.0f
 #define TINY_N 1e-6f
 
 /* ----------------------------------------------------------------------------------------------------- velocity */
@@ -92,15 +96,15 @@ static cr_vec3 damp(const cr_control_config *config, cr_vec3 contact_N, cr_vec3 
     return v3_mad(force, velocity, -config->free_damping_Ns_m);
 }
 
-/* Passivity controller [7]: as much damping as takes the excess energy back in one period, within its bound. */
+/* Passivity controller [7]: as much damping as takes the excess energy back within DISSIPATE_PERIODS, within its bound. */
 static cr_vec3 dissipate(const cr_control_config *config, const cr_control *c, const cr_control_input *in,
                          cr_vec3 velocity, cr_vec3 force, uint32_t *limits) {
     float speed2 = v3_dot(velocity, velocity), contact = v3_norm(in->contact_force_N);
-    if (!(c->energy_J > 0.0f) || speed2 < STILL_M_S * STILL_M_S || contact <= TINY_N ||
-        config->passivity_damping_max_Ns_m <= 0.0f) {
+    float most = config->passivity_damping_max_Ns_m;
+    if (!(c->energy_J > 0.0f) || speed2 < STILL_M_S * STILL_M_S || contact <= TINY_N || most <= 0.0f) {
         return force;
     }
-    float damping = min_f(c->energy_J / (in->period_s * speed2), config->passivity_damping_max_Ns_m);
+    float damping = min_f(c->energy_J / (DISSIPATE_PERIODS * in->period_s * speed2), most);
     cr_vec3 out = v3_mad(force, velocity, -damping);
     cr_vec3 along = v3_scale(in->contact_force_N, 1.0f / contact);
     float pull = min_f(0.0f, v3_dot(out, along) - min_f(0.0f, v3_dot(force, along)));

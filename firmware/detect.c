@@ -47,6 +47,7 @@ typedef struct {
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
+    float per_crease;  /* 1 / crease_m */
     uint32_t kernels;
 } walk;
 
@@ -208,14 +209,14 @@ static void add_to_touch(cr_touch *touch, float area_m2, cr_vec3 normal, cr_vec3
 /* The other facets that meet in the lane's crease cell, the more the nearer they are: a zone that is inside the tool between its
  * samples must be known, or the normal could not turn towards it. */
 static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
-    const struct cr_img_kind *kind = &w->scene->kinds[cr_field_kind(w->field, at, lane)];
-    const float reach = w->scene->meta->crease_m;
+    const struct cr_img_kind *kind = &w->scene->kinds[at->kind[lane]];
+    const float per_reach = w->per_crease;
     for (uint32_t k = 0; k < kind->count; k++) {
         const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
         cr_vec3 normal = v3_from(facet->normal);
         float height = v3_dot(normal, p_world) - facet->offset_m;
-        float part = 1.0f - abs_f(height - at->phi_m[lane]) / reach;
-        if (kind->facet[k] == at->facet[lane] || part <= 0.0f) {
+        float part = 1.0f - abs_f(height - at->phi_m[lane]) * per_reach;
+        if (part <= 0.0f || kind->facet[k] == at->facet[lane]) {
             continue;
         }
         cr_touch *touch = find_touch(w, first, kind->facet[k]);
@@ -498,10 +499,11 @@ static int tool_is_free(walk *w) {
 
 void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
                cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0u};
+    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
+    w.per_crease = 1.0f / max_f(field->scene->meta->crease_m, 1e-9f);
     set->hit_count = 0u;
     set->touch_count = 0u;
     if (tool_is_free(&w)) {

@@ -61,7 +61,7 @@ static inline uint32_t load_pair(const int16_t *at) {
 static inline float first_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair & 0xffffu); }
 static inline float second_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair >> 16); }
 
-/* Bits of lanes with a property that the loads reveal. */
+/* What the loads reveal: whether any lane is far, and the lanes in bricks with crease cells. */
 typedef struct {
     uint32_t far, creased;
 } lane_sets;
@@ -77,7 +77,7 @@ static lane_sets load_corners(const cr_field *f, const int32_t *top, cr_lookup *
         at->entry[i] = entry;
         base[i] = (int32_t)b->samples;
         side[i] = (int32_t)b->side;
-        sets.far |= far << i;
+        sets.far |= far;
         sets.creased |= ((uint32_t)b->creased & ~far) << i;
     }
     for (int i = 0; i < CR_LANES; i++) {
@@ -205,7 +205,8 @@ uint32_t cr_field_kind(const cr_field *f, const cr_lookup *at, int lane) {
 }
 
 /* Distances of lanes in crease cells, from the planes that meet there. */
-static void use_planes(const cr_field *f, const struct cr_img_kind *kind, cr_vec3 p, int lane, cr_lookup *out) {
+static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, cr_lookup *out) {
+    const struct cr_img_kind *kind = &f->scene->kinds[index];
     cr_vec3 normal[CR_KIND_FACETS_MAX] = {{0.0f, 0.0f, 0.0f}};
     float height[CR_KIND_FACETS_MAX] = {0.0f};
     float sign = kind->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
@@ -218,17 +219,27 @@ static void use_planes(const cr_field *f, const struct cr_img_kind *kind, cr_vec
     cr_vec3 grad;
     out->phi_m[lane] = sign * convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
+    out->kind[lane] = index;
     out->from_facet |= 1u << lane;
+    out->bent |= (uint32_t)(v3_dot(grad, normal[nearest]) < 0.99999f) << lane;
     out->gx[lane] = sign * grad.x;
     out->gy[lane] = sign * grad.y;
     out->gz[lane] = sign * grad.z;
 }
 
-static void far_lane(const cr_field *f, float beyond_m, int lane, cr_lookup *out) {
-    uint32_t entry = out->entry[lane];
-    float bound = (float)(entry & CR_TOP_BOUND) * f->scene->meta->quantum_m + beyond_m;
-    out->phi_m[lane] = (entry & CR_TOP_INSIDE) ? -bound : bound;
-    out->gx[lane] = out->gy[lane] = out->gz[lane] = 0.0f;
+/* Far lanes: the lower bound of their brick, and how far they lie outside the grid. */
+static void use_bounds(const cr_field *f, const float *beyond_m, cr_lookup *out) {
+    const float quantum = f->scene->meta->quantum_m;
+    for (int i = 0; i < CR_LANES; i++) {
+        uint32_t entry = out->entry[i];
+        int far = (entry & CR_TOP_FAR) != 0u;
+        float bound = (float)(int32_t)(entry & CR_TOP_BOUND) * quantum + beyond_m[i];
+        float value = (entry & CR_TOP_INSIDE) ? -bound : bound;
+        out->phi_m[i] = far ? value : out->phi_m[i];
+        out->gx[i] = far ? 0.0f : out->gx[i];
+        out->gy[i] = far ? 0.0f : out->gy[i];
+        out->gz[i] = far ? 0.0f : out->gz[i];
+    }
 }
 
 void cr_field_look_up(const cr_field *f, const cr_lanes3 *p, cr_lookup *out) {
@@ -240,20 +251,18 @@ void cr_field_look_up(const cr_field *f, const cr_lanes3 *p, cr_lookup *out) {
     lane_sets sets = load_corners(f, top, out, &c);
     interpolate(f, &c, out);
     out->from_facet = 0u;
-    while (sets.far != 0u) {
-        int i = take_lane(&sets.far);
-        far_lane(f, beyond_m[i], i, out);
+    out->bent = 0u;
+    if (sets.far != 0u) {
+        use_bounds(f, beyond_m, out);
     }
-    uint32_t close = 0u;
     const float crease_m = f->scene->meta->crease_m;
-    for (int i = 0; i < CR_LANES; i++) {
-        close |= (uint32_t)(abs_f(out->phi_m[i]) < crease_m) << i;
-    }
-    sets.creased &= close;
     while (sets.creased != 0u) {
         int i = take_lane(&sets.creased);
-        const struct cr_img_kind *kind = &kinds[cr_field_kind(f, out, i)];
-        if (kind->kind == CR_KIND_CONVEX || kind->kind == CR_KIND_CONCAVE) {
+        if (abs_f(out->phi_m[i]) >= crease_m) {
+            continue;
+        }
+        uint32_t kind = cr_field_kind(f, out, i);
+        if (kinds[kind].kind == CR_KIND_CONVEX || kinds[kind].kind == CR_KIND_CONCAVE) {
             use_planes(f, kind, v3(p->x[i], p->y[i], p->z[i]), i, out);
         }
     }

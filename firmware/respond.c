@@ -135,6 +135,17 @@ static int lane_is_on(const cr_field *f, const cr_lookup *at, int lane, uint32_t
     return 0;
 }
 
+/* Lanes where the distance is linear as far as a piece of surface reaches: over flat facets away from edges and vertices. */
+static uint32_t straight_lanes(const cr_field *f, const cr_lookup *at) {
+    uint32_t straight = at->from_facet & ~at->bent;
+    for (int i = 0; i < CR_LANES; i++) {
+        uint32_t entry = at->entry[i];
+        int flat = !(entry & CR_TOP_FAR) && f->scene->bricks[entry].side == 1u;
+        straight |= (uint32_t)flat << i;
+    }
+    return straight;
+}
+
 /* Moves the chosen lanes of a cluster to where their pieces of surface enter the object: towards lowest n for creases. Two steps:
  * near an edge of the static object the distance bends, so where the first step lands is looked at again. Lanes whose piece stays
  * outside leave the set. */
@@ -151,11 +162,12 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
         world->y[i] = p.y;
         world->z[i] = p.z;
     }
-    if (*lanes == 0u) {
+    uint32_t straight = straight_lanes(in->field, at);
+    if ((*lanes & ~straight) == 0u) {
         return;
     }
     cr_field_look_up(in->field, world, &again);
-    for (uint32_t left = *lanes; left != 0u;) {
+    for (uint32_t left = *lanes & ~straight; left != 0u;) {
         int i = take_lane(&left);
         cr_vec3 p = lane_of(world, i);
         int found = again.phi_m[i] <= 0.0f || clip_to_surface(c, &again, in->world_from_tool, i, &p);
@@ -275,15 +287,25 @@ static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, const 
     return best;
 }
 
-/* The same for pieces of surface that reach in where their sample does not. */
-static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
-    const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
+/* Lanes whose piece of surface, reaching in where the sample does not, could come below best. A piece goes down by its reach times
+ * the part of n along it, sqrt(n W n) over its full width. */
+static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hit, const probe *d, float best) {
+    const cr_vec3 n = d->n_tool;
     uint32_t lanes = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        float height = c->x[i] * d->n_tool.x + c->y[i] * d->n_tool.y + c->z[i] * d->n_tool.z + d->shift_m;
-        lanes |= (uint32_t)(height - c->reach[i] < best) << i;
+        float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+        float fall2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+        float fall = c->reach[i] * sqrtf(max_f(0.0f, fall2)) / (2.0f * c->ramp[i]);
+        float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
+        lanes |= (uint32_t)(height - fall < best) << i;
     }
-    lanes &= hit->near & ((1u << c->count) - 1u);
+    return lanes & hit->near & ((1u << c->count) - 1u);
+}
+
+/* Lowest n . p of these pieces. */
+static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
+    const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
+    uint32_t lanes = find_low_pieces(c, hit, d, best);
     if (lanes == 0u) {
         return best;
     }
@@ -300,13 +322,12 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
 }
 
 /* Lowest point of the area's internal surface along n; zone bits restrict it to hits of these zones (or of none). */
-static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, const cr_zone_shape *shapes,
-                         uint32_t zones, cr_vec3 n, float start) {
+static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, uint32_t zones, cr_vec3 n, float start) {
     probe d = {n, xform_unrotate(in->world_from_tool, n), v3_dot(n, in->world_from_tool->t), a, 0u};
     float best = start;
     uint32_t all = (1u << a->zone_count) - 1u;
     for (uint32_t z = 0; z < a->zone_count && zones != all; z++) {
-        d.behind |= (uint32_t)(((zones >> z) & 1u) && !shapes[z].curved) << z;
+        d.behind |= (uint32_t)(((zones >> z) & 1u) && !a->shapes[z].curved) << z;
     }
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;
@@ -550,7 +571,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
     out->offset_m = offset / length;
-    float lowest = find_lowest(in, index, a, a->shapes, bits, out->normal_world, out->offset_m);
+    float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
     out->depth_m = (out->offset_m - lowest) * min_f(1.0f, open);
     if (!(out->depth_m > 0.0f)) {

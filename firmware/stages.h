@@ -16,8 +16,10 @@ typedef struct {
     float gx[CR_LANES], gy[CR_LANES], gz[CR_LANES]; /* gradient, world frame; 0 in far bricks */
     float ux[CR_LANES], uy[CR_LANES], uz[CR_LANES]; /* position in the brick, 0..1 */
     uint32_t entry[CR_LANES];                       /* top entry of the brick */
-    uint32_t facet[CR_LANES];                       /* facet that gave phi, where bit is set in from_facet */
+    uint32_t facet[CR_LANES]; /* where bit is set in from_facet: facet whose plane is highest, */
+    uint32_t kind[CR_LANES];  /* and what the cell sees */
     uint32_t from_facet;                            /* lanes whose phi is from the planes of their cell */
+    uint32_t bent;            /* of these, lanes nearest to an edge or a vertex: phi is not linear there */
 } cr_lookup;
 #define CR_FACET_NONE 0xffffffffu
 

@@ -11,6 +11,8 @@
 
 #define REACH_M 4e-3
 #define PROBES 3
+#define PROBE_MARGIN 0.4
+#define FEATURE_AREA 1e-3
 #define FACETS_MAX (CRT_SIDES_MAX + 2)
 #define PI 3.14159265358979323846
 
@@ -40,25 +42,47 @@ crt_solid crt_ball(double radius) {
 
 int crt_facets(const crt_solid *s) { return s->ball_m > 0.0 ? 1 : s->sides + 2; }
 
-static double polygon_distance(const crt_solid *s, double x, double z) {
+/* Nearest point of the polygon's boundary; the distance to it, negative inside. */
+static double polygon_distance(const crt_solid *s, double x, double z, double nearest[2]) {
     double best = INFINITY;
     int inside = 1;
     for (int i = 0; i < s->sides; i++) {
         const double *a = s->corner_m[i], *b = s->corner_m[(i + 1) % s->sides];
         double ex = b[0] - a[0], ez = b[1] - a[1], px = x - a[0], pz = z - a[1];
         double t = fmax(0.0, fmin(1.0, (px * ex + pz * ez) / (ex * ex + ez * ez)));
-        best = fmin(best, hypot(px - t * ex, pz - t * ez));
+        double d = hypot(px - t * ex, pz - t * ez);
+        if (d < best) {
+            best = d;
+            nearest[0] = a[0] + t * ex;
+            nearest[1] = a[1] + t * ez;
+        }
         inside = inside && ex * pz - ez * px > 0.0;
     }
     return inside ? -best : best;
+}
+
+/* Signed distance to the prism and its nearest surface point. */
+static double prism_distance(const crt_solid *s, const double p[3], double q[3]) {
+    double on[2] = {0.0, 0.0}, across = polygon_distance(s, p[0], p[2], on), along = fabs(p[1]) - s->half_y_m;
+    int use_across = across > 0.0 || across >= along, use_along = along > 0.0 || !use_across;
+    q[0] = use_across ? on[0] : p[0];
+    q[1] = use_along ? copysign(s->half_y_m, p[1]) : p[1];
+    q[2] = use_across ? on[1] : p[2];
+    if (across > 0.0 && along > 0.0) {
+        return hypot(across, along);
+    }
+    if (across <= 0.0 && along > 0.0) {
+        q[0] = p[0];
+        q[2] = p[2];
+    }
+    return fmax(across, along);
 }
 
 double crt_distance(const crt_solid *s, const double p[3]) {
     if (s->ball_m > 0.0) {
         return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) - s->ball_m;
     }
-    double across = polygon_distance(s, p[0], p[2]), along = fabs(p[1]) - s->half_y_m;
-    double d = across > 0.0 && along > 0.0 ? hypot(across, along) : fmax(across, along);
+    double q[3], d = prism_distance(s, p, q);
     return s->hollow ? -d : d;
 }
 
@@ -139,7 +163,7 @@ static void add_tile(crt_tool *t, const double centre[3], const double half[3], 
     s.pos_m[va] = centre[va] - half[va] + (j + 0.5) * s.width_m[1];
     s.area_m2 = s.width_m[0] * s.width_m[1];
     double to_edge = fmin(half[ua] - fabs(s.pos_m[ua] - centre[ua]), half[va] - fabs(s.pos_m[va] - centre[va]));
-    s.reach_m = fmin(0.75 * t->spacing_m, to_edge);
+    s.reach_m = fmin(1.1 * t->spacing_m, to_edge);
     add_sample(t, &s);
 }
 
@@ -157,23 +181,57 @@ static void add_face(crt_tool *t, const double centre[3], const double half[3], 
     }
 }
 
+/* A vertex (half_length 0) or a straight piece of crease along an axis; side: which way its normal points. */
+static void add_feature(crt_tool *t, const double pos[3], const double side[3], int axis, double half_length) {
+    crt_sample s;
+    memset(&s, 0, sizeof s);
+    double length = sqrt(side[0] * side[0] + side[1] * side[1] + side[2] * side[2]);
+    for (int a = 0; a < 3; a++) {
+        s.pos_m[a] = pos[a];
+        s.normal[a] = side[a] / length;
+    }
+    s.u[axis] = 1.0;
+    s.width_m[0] = 2.0 * half_length;
+    s.area_m2 = FEATURE_AREA * t->spacing_m * t->spacing_m;
+    s.reach_m = half_length;
+    s.vertex = half_length <= 0.0;
+    s.crease = !s.vertex;
+    add_sample(t, &s);
+}
+
+/* The four edges along an axis, cut into pieces, in clusters of their own. */
+static void add_edges(crt_tool *t, const double centre[3], const double half[3], int axis) {
+    int pieces = (int)fmax(1.0, ceil(2.0 * half[axis] / t->spacing_m - 1e-9)), ua = (axis + 1) % 3, va = (axis + 2) % 3;
+    double piece = half[axis] / pieces;
+    for (int k = 0; k < 4; k++) {
+        double side[3] = {0.0}, pos[3];
+        side[ua] = k & 1 ? 1.0 : -1.0;
+        side[va] = k & 2 ? 1.0 : -1.0;
+        pos[ua] = centre[ua] + side[ua] * half[ua];
+        pos[va] = centre[va] + side[va] * half[va];
+        for (int i = 0; i < pieces; i++) {
+            pos[axis] = centre[axis] - half[axis] + (2 * i + 1) * piece;
+            add_feature(t, pos, side, axis, piece);
+            if (i % CR_LANES == CR_LANES - 1 || i == pieces - 1) {
+                end_cluster(t);
+            }
+        }
+    }
+}
+
 void crt_add_box(crt_tool *t, const double centre[3], const double half[3]) {
     for (int axis = 0; axis < 3; axis++) {
         add_face(t, centre, half, axis, -1);
         add_face(t, centre, half, axis, 1);
+        add_edges(t, centre, half, axis);
     }
     for (int k = 0; k < 8; k++) {
-        crt_sample s;
-        memset(&s, 0, sizeof s);
+        double side[3], pos[3];
         for (int axis = 0; axis < 3; axis++) {
-            double side = (k >> axis) & 1 ? 1.0 : -1.0;
-            s.pos_m[axis] = centre[axis] + side * half[axis];
-            s.normal[axis] = side / sqrt(3.0);
+            side[axis] = (k >> axis) & 1 ? 1.0 : -1.0;
+            pos[axis] = centre[axis] + side[axis] * half[axis];
         }
-        s.u[0] = s.v[1] = 1.0;
-        s.width_m[0] = s.width_m[1] = 0.1 * t->spacing_m;
-        s.vertex = 1;
-        add_sample(t, &s);
+        add_feature(t, pos, side, 0, 0.0);
         end_cluster(t);
     }
 }
@@ -191,7 +249,8 @@ void crt_add_ball(crt_tool *t, double radius) {
                             {-sin(turn), cos(turn), 0.0},
                             {0},
                             2.0 * PI * radius * radius * (cos(low) - cos(high)) / count,
-                            0.75 * t->spacing_m,
+                            1.1 * t->spacing_m,
+                            0,
                             0};
             s.width_m[0] = s.width_m[1] = sqrt(s.area_m2);
             for (int a = 0; a < 3; a++) {
@@ -223,42 +282,47 @@ static void *add_part(parts *p, uint32_t id, uint32_t count, size_t stride) {
     return p->bytes[id];
 }
 
-/* The one facet that is nearest to every probe of a cell, or -1. */
-static int facet_of_cell(const crt_solid *s, const double planes[][4], const double low[3], double size) {
-    int found = -1;
+/* Facets that hold the nearest surface point of some probe of a cell, as bits. */
+static uint32_t facets_of_cell(const crt_solid *s, const double planes[][4], const double low[3], double size) {
+    uint32_t found = 0u;
     for (int k = 0; k < PROBES * PROBES * PROBES; k++) {
         int at[3] = {k % PROBES, k / PROBES % PROBES, k / (PROBES * PROBES)};
-        double p[3];
+        double p[3], q[3];
         for (int a = 0; a < 3; a++) {
-            p[a] = low[a] + size * (1.1 * at[a] / (PROBES - 1) - 0.05);
+            p[a] = low[a] + size * ((1.0 + 2.0 * PROBE_MARGIN) * at[a] / (PROBES - 1) - PROBE_MARGIN);
         }
-        double d = crt_distance(s, p);
-        int mine = -1, count = 0;
+        (void)prism_distance(s, p, q);
         for (int f = 0; f < crt_facets(s); f++) {
             const double *n = planes[f];
-            if (fabs(n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - n[3] - d) < 1e-9) {
-                mine = f;
-                count++;
-            }
+            found |= (uint32_t)(fabs(n[0] * q[0] + n[1] * q[1] + n[2] * q[2] - n[3]) < 1e-12) << f;
         }
-        if (count != 1 || (found >= 0 && found != mine)) {
-            return -1;
-        }
-        found = mine;
     }
     return found;
+}
+
+/* Kinds are numbered by the set of their facets. */
+static void fill_kind(const crt_solid *s, uint32_t set, struct cr_img_kind *kind) {
+    for (uint32_t f = 0; f < FACETS_MAX; f++) {
+        if ((set >> f) & 1u) {
+            kind->facet[kind->count++] = f;
+        }
+    }
+    kind->kind = s->ball_m > 0.0    ? CR_KIND_CURVED
+                 : kind->count == 1u ? CR_KIND_PLANAR
+                 : s->hollow         ? CR_KIND_CONCAVE
+                                     : CR_KIND_CONVEX;
 }
 
 static void fill_features(const crt_solid *s, parts *p) {
     int facets = crt_facets(s), ball = s->ball_m > 0.0;
     struct cr_img_facet *facet = add_part(p, CR_SEC_FACETS, (uint32_t)facets, sizeof *facet);
-    struct cr_img_kind *kind = add_part(p, CR_SEC_KINDS, (uint32_t)facets + 2u, sizeof *kind);
+    struct cr_img_kind *kind = add_part(p, CR_SEC_KINDS, 1u << facets, sizeof *kind);
     struct cr_img_pair *pair = add_part(p, CR_SEC_PAIRS, (uint32_t)(facets * facets), sizeof *pair);
     struct cr_img_edge *edge = add_part(p, CR_SEC_EDGES, (uint32_t)s->sides, sizeof *edge);
     uint32_t label = s->hollow ? CR_PAIR_CONCAVE : CR_PAIR_CONVEX, pairs = 0u;
-    struct cr_img_kind *all = &kind[facets + 1];
-    all->kind = s->hollow ? CR_KIND_CONCAVE : CR_KIND_CONVEX;
-    all->count = (uint32_t)facets;
+    for (uint32_t set = 1u; set < 1u << facets; set++) {
+        fill_kind(s, set, &kind[set]);
+    }
     for (int f = 0; f < facets; f++) {
         double n[4];
         crt_plane(s, f, n);
@@ -268,9 +332,6 @@ static void fill_features(const crt_solid *s, parts *p) {
         facet[f].offset_m = (float)n[3];
         facet[f].patch = (uint32_t)f;
         facet[f].curved = (uint32_t)ball;
-        kind[f + 1].kind = ball ? CR_KIND_CURVED : CR_KIND_PLANAR;
-        kind[f + 1].count = 1u;
-        kind[f + 1].facet[0] = all->facet[f] = (uint32_t)f;
         for (int g = f + 1; g < facets; g++) {
             int apart = f < s->sides && g < s->sides && s->sides == 4 && g - f == 2;
             if (!apart && f != s->sides) {
@@ -298,12 +359,11 @@ static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double 
         m->static_max_m[a] = (float)high[a];
     }
     m->band_m = 2.0f * m->brick_m + (float)REACH_M;
-    m->crease_m = m->band_m;
+    m->crease_m = (float)REACH_M;
     m->quantum_m = m->band_m / 32767.0f;
-    double error = 2.0 * (double)m->quantum_m;
-    if (s->ball_m > 0.0) {
-        error += (double)m->voxel_m * (double)m->voxel_m / s->ball_m;
-    }
+    /* Beyond crease_m the samples decide: where the nearest facet changes they are off by up to this. */
+    double voxel = (double)m->voxel_m, error = 2.0 * (double)m->quantum_m;
+    error += s->ball_m > 0.0 ? voxel * voxel / s->ball_m : 0.45 * voxel;
     m->error_out_m = m->error_in_m = (float)error;
     m->error_max_m = m->error_rms_m = (float)error;
     m->crease_angle_rad = 0.5236f;
@@ -324,9 +384,9 @@ static void fill_brick(const crt_solid *s, const struct cr_img_meta *m, const do
     }
     for (int k = 0; k < 512; k++) {
         double p[3] = {low[0] + k % 8 * voxel, low[1] + k / 8 % 8 * voxel, low[2] + k / 64 * voxel};
-        int f = s->ball_m > 0.0 ? 0 : facet_of_cell(s, (const double(*)[4])planes, p, voxel);
-        cells[k] = (uint16_t)((f < 0 ? crt_facets(s) : f) + 1);
-        brick->creased = (uint16_t)(brick->creased | (f < 0));
+        uint32_t set = s->ball_m > 0.0 ? 1u : facets_of_cell(s, (const double(*)[4])planes, p, voxel);
+        cells[k] = (uint16_t)set;
+        brick->creased = (uint16_t)(brick->creased | ((set & (set - 1u)) != 0u));
     }
 }
 
@@ -367,8 +427,13 @@ static void fill_voxmap(const crt_solid *s, const struct cr_img_meta *m, parts *
     p->count[CR_SEC_CELLS] = 512u * tables;
 }
 
-static void fill_lane(struct cr_img_cluster *c, int lane, const crt_sample *s, int real) {
-    double w[3][3], most = fmax(s->width_m[0], s->width_m[1]);
+/* Largest width of a sample's piece of surface; a point still fades in over a tenth of a spacing. */
+static double width_of(const crt_tool *t, const crt_sample *s) {
+    return fmax(fmax(s->width_m[0], s->width_m[1]), 0.1 * t->spacing_m);
+}
+
+static void fill_lane(const crt_tool *t, struct cr_img_cluster *c, int lane, const crt_sample *s, int real) {
+    double w[3][3], most = width_of(t, s);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
             w[i][j] = s->width_m[0] * s->width_m[0] * s->u[i] * s->u[j] + s->width_m[1] * s->width_m[1] * s->v[i] * s->v[j];
@@ -399,9 +464,10 @@ static void fill_cluster(const crt_tool *t, uint32_t index, struct cr_img_cluste
     c->count = count;
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const crt_sample *s = &t->samples[first + (i < count ? i : 0u)];
-        fill_lane(c, (int)i, s, i < count);
+        fill_lane(t, c, (int)i, s, i < count);
         one[i] = 1.0f;
         c->vertex_mask |= i < count && s->vertex ? 1u << i : 0u;
+        c->crease_mask |= i < count && s->crease ? 1u << i : 0u;
         for (int a = 0; a < 3 && i < count; a++) {
             mean[a] += s->pos_m[a] / count;
             normal[a] += s->area_m2 * s->normal[a];
@@ -442,7 +508,7 @@ static void ball_of(const crt_tool *t, uint32_t low, uint32_t high, float centre
         }
         r = fmax(r, sqrt(d2));
         far = fmax(far, sqrt(o2));
-        most = fmax(most, 0.5 * fmax(s->width_m[0], s->width_m[1]));
+        most = fmax(most, 0.5 * width_of(t, s));
     }
     *radius = (float)(r * (1.0 + 1e-6) + 1e-8);
     *margin = (float)(most * (1.0 + 2e-6) + 1e-9);

@@ -35,7 +35,7 @@ int crt_facets(const crt_solid *solid);
 typedef struct {
     double pos_m[3], normal[3], u[3], v[3], width_m[2];
     double area_m2, reach_m;
-    int vertex;
+    int vertex, crease;
 } crt_sample;
 
 /* Samples in clusters: cluster i is samples[start[i] .. start[i + 1]). */
@@ -48,7 +48,7 @@ typedef struct {
 
 /* Purpose  an empty tool; free with crt_tool_free. */
 crt_tool crt_tool_new(double spacing_m);
-/* Purpose  samples of a box: tiles of 4 x 4 on each face, about spacing_m wide, and its eight vertices. */
+/* Purpose  samples of a box: tiles of 4 x 4 on each face, about spacing_m wide, its edges in pieces, and its vertices. */
 void crt_add_box(crt_tool *tool, const double centre_m[3], const double half_m[3]);
 /* Purpose  samples of a ball on rings about z. */
 void crt_add_ball(crt_tool *tool, double radius_m);

@@ -220,8 +220,8 @@ static void zones_sphere_holds_the_touched_surface(void **state) {
     const cr_zone *zone = &areas.areas[0].zones[0];
     assert_true(fabsf(zone->centre_world_m.x - 3e-3f) < 1e-4f && fabsf(zone->centre_world_m.y - 2e-3f) < 1e-4f);
     assert_true(fabsf(zone->centre_world_m.z) < 1e-5f);
-    /* The touched square reaches 8 sqrt 2 mm; the sphere may be larger by a cluster. */
-    assert_true(zone->radius_m > 8e-3f * 1.41f - 1.5e-3f && zone->radius_m < 8e-3f * 1.41f + 4e-3f);
+    /* The touched square reaches 8 sqrt 2 mm; the sphere may be larger by the longest cluster, an edge. */
+    assert_true(zone->radius_m > 8e-3f * 1.41f - 1.5e-3f && zone->radius_m < 8e-3f * 1.42f + 8e-3f);
     crt_close(&rig);
 }
 

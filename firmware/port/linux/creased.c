@@ -30,7 +30,8 @@ enum { EXIT_DONE = 0, EXIT_RECORD = 1, EXIT_USAGE = 2, EXIT_BUS = 3, EXIT_FAULT 
 
 typedef struct {
     const char *device_path, *scene_path, *record_path, *interface;
-    double seconds; /* 0: no end */
+    double seconds;     /* 0: no end */
+    double start_after; /* in idle, s */
     int start, exit_on_fault, quiet;
 } options;
 
@@ -237,6 +238,7 @@ static void run_loop(daemon_state *d) {
     const uint64_t period_ns = (uint64_t)((double)d->device.servo.period_s * 1e9 + 0.5);
     uint64_t due_ns = can_now_ns() + period_ns, last_ns = 0u;
     const uint64_t end_ns = d->opt.seconds > 0.0 ? due_ns + (uint64_t)(d->opt.seconds * 1e9) : UINT64_MAX;
+    uint64_t idle_ns = 0u; /* when idle began */
     int stopping = 0, start_due = d->opt.start;
     while (stopping < STOP_TICKS) {
         sleep_until(due_ns);
@@ -248,7 +250,8 @@ static void run_loop(daemon_state *d) {
         }
         stopping += stop || stopping > 0 ? 1 : 0;
         uint32_t commands = stopping == 1 ? (uint32_t)CR_COMMAND_STOP : stopping > 1 ? (uint32_t)CR_COMMAND_OFF : 0u;
-        if (start_due && mode == CR_MODE_IDLE && stopping == 0) {
+        idle_ns = mode == CR_MODE_IDLE && idle_ns == 0u ? due_ns : idle_ns;
+        if (start_due && mode == CR_MODE_IDLE && stopping == 0 && due_ns - idle_ns >= (uint64_t)(d->opt.start_after * 1e9)) {
             commands |= CR_COMMAND_START;
             start_due = 0;
         }
@@ -268,35 +271,43 @@ static int complain(int status, const char *text) {
 }
 
 static int usage(void) {
-    fprintf(stderr, "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--exit-on-fault] [--quiet]\n"
-                    "               [--seconds S] scene.crs\n"
+    fprintf(stderr, "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"
+                    "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"
                     "commands on standard input: start, stop, clear, quit, wrist YAW PITCH ROLL (degrees)\n");
     return EXIT_USAGE;
+}
+
+static int read_seconds(const char *text, double *out) {
+    char *end;
+    *out = strtod(text, &end);
+    return end == text || *end != '\0' || !(*out > 0.0 && *out <= 1e6);
 }
 
 static int read_options(int argc, char **argv, options *opt) {
     static const struct option known[] = {
         {"config", required_argument, NULL, 'c'},  {"interface", required_argument, NULL, 'i'}, {"record", required_argument, NULL, 'r'},
         {"seconds", required_argument, NULL, 's'}, {"start", no_argument, NULL, 'S'},           {"exit-on-fault", no_argument, NULL, 'x'},
-        {"quiet", no_argument, NULL, 'q'},         {NULL, 0, NULL, 0}};
-    char *end = NULL;
+        {"quiet", no_argument, NULL, 'q'},         {"start-after", required_argument, NULL, 'a'},   {NULL, 0, NULL, 0}};
+    int wrong = 0;
     memset(opt, 0, sizeof *opt);
     for (int key = getopt_long(argc, argv, "", known, NULL); key != -1; key = getopt_long(argc, argv, "", known, NULL)) {
         switch (key) {
         case 'c': opt->device_path = optarg; break;
         case 'i': opt->interface = optarg; break;
         case 'r': opt->record_path = optarg; break;
-        case 's':
-            opt->seconds = strtod(optarg, &end);
-            if (end == optarg || *end != '\0' || !(opt->seconds > 0.0 && opt->seconds <= 1e6)) {
-                return complain(EXIT_USAGE, "--seconds: a number above 0, up to 1000000");
-            }
+        case 's': wrong |= read_seconds(optarg, &opt->seconds); break;
+        case 'a':
+            wrong |= read_seconds(optarg, &opt->start_after);
+            opt->start = 1;
             break;
         case 'S': opt->start = 1; break;
         case 'x': opt->exit_on_fault = 1; break;
         case 'q': opt->quiet = 1; break;
         default: return usage();
         }
+    }
+    if (wrong) {
+        return complain(EXIT_USAGE, "--seconds, --start-after: a number above 0, up to 1000000");
     }
     if (opt->device_path == NULL || optind != argc - 1) {
         return usage();

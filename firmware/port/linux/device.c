@@ -297,7 +297,7 @@ int device_parse(const char *name, const char *text, device_config *device, char
         at += length + (end != NULL ? 1u : 0u);
     }
     const char *wrong = cr_servo_config_error(&read.servo);
-    if (wrong == NULL && (double)read.deadline_us * 1e-6 >= (double)read.servo.period_s) {
+    if (wrong == NULL && (float)read.deadline_us * 1e-6f >= read.servo.period_s) {
         wrong = "deadline_us: below period_us";
     }
     if (wrong != NULL) {

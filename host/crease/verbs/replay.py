@@ -10,6 +10,7 @@ import numpy as np
 
 from crease.native import COVERAGES, RESPONSES
 from crease.progress import Progress
+from crease.recording import is_recording
 from crease.replay import ReplayOptions, run_path, to_columns
 from crease.scene import open_scene
 from crease.table import check_suffix, check_target, write_table
@@ -37,7 +38,7 @@ def add_parser(sub: SubParsers) -> None:
         "path",
         metavar="PATH",
         type=Path,
-        help="CSV with t_s,x_m,y_m,z_m,qw,qx,qy,qz (world_from_tool), or NPZ",
+        help="CSV with t_s,x_m,y_m,z_m,qw,qx,qy,qz (world_from_tool), or NPZ; or a recording of the servo (.crr)",
     )
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="CSV or NPZ"
@@ -55,6 +56,11 @@ def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
     check_suffix(args.output, (".csv", ".npz"))
     check_target(args.output, args.force)
+    if is_recording(args.path):
+        from crease.verbs import rerun
+
+        rerun.run(args)
+        return
     start_s = time.monotonic()
     scene = open_scene(args.scene)
     path = load_trajectory(args.path)

@@ -1,0 +1,153 @@
+"""`crease hil`: the closed loop of servo, bus, drives, mechanism and operator, along a path."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crease.progress import Progress
+from crease.scene import open_scene
+from crease.table import check_suffix, check_target, write_bytes, write_table
+from crease.trajectory import load_trajectory
+from crease.verbs.common import SubParsers, add_force, add_json, number, print_json, print_lines
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "hil",
+        help="close the loop: servo, bus, drives, mechanism and operator along a path",
+        description="An operator leads the tool along a path while the servo of the firmware renders the contact, and every tick is "
+        "recorded. In process: both ends here, in lock-step, the same to the bit each time. socketcan: `creased` and `crease sim` "
+        "on a real interface.",
+    )
+    parser.add_argument("scene", metavar="SCENE.crs", type=Path)
+    parser.add_argument(
+        "--operator",
+        metavar="PATH.csv",
+        type=Path,
+        required=True,
+        help="where the hand wants the tool: t_s,x_m,y_m,z_m,qw,qx,qy,qz",
+    )
+    parser.add_argument("-i", "--interface", choices=("inprocess", "socketcan"), default="inprocess")
+    parser.add_argument("-c", "--channel", metavar="NAME", default="vcan0", help="of socketcan: vcan0, can0, ...")
+    parser.add_argument("-b", "--bitrate", metavar="BIT/S", type=int, default=None, help="1000000")
+    parser.add_argument("-o", "--output", metavar="OUT.crr", type=Path, required=True, help="the recording")
+    parser.add_argument("--table", metavar="OUT.csv", type=Path, help="the ticks of the path as CSV or NPZ")
+    parser.add_argument("--log", metavar="OUT.log", type=Path, help="the frames (in process): .log, .asc or .blf")
+    parser.add_argument("--device", metavar="SIM.toml", type=Path, help="parameters of the simulated device (in process)")
+    parser.add_argument("--fault", metavar="KIND:tick=N,...", action="append", default=[], help="as for `crease sim`")
+    parser.add_argument("--stiffness", metavar="N/m", type=number(0.0, 1e6), default=1000.0)
+    parser.add_argument("--response", default="zones", help="zones or fixed45 (in process)")
+    add_json(parser)
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
+    from crease.bus.transport import check_bitrate
+    from crease.errors import LoopError
+    from crease.hil import describe, run_socketcan
+    from crease.recording import SUFFIX, recording_bytes
+
+    check_suffix(args.output, (SUFFIX,))
+    check_target(args.output, args.force)
+    if args.table is not None:
+        check_suffix(args.table, (".csv", ".npz"))
+        check_target(args.table, args.force)
+    check_bitrate(args.bitrate)
+    scene, path = open_scene(args.scene), load_trajectory(args.operator)
+    if args.interface == "socketcan":
+        given = [name for name in ("device", "fault", "log") if getattr(args, name)]
+        if given or args.response != "zones":
+            raise LoopError(f"--{(*given, 'response')[0]}: only with -i inprocess; give it to `crease sim` instead")
+        with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
+            record = Path(folder) / "run.crr"
+            result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
+    else:
+        result = _run_inprocess(args, scene, path)
+    rows = result.recording.rows
+    write_bytes(args.output, recording_bytes(rows, result.recording.config, scene))
+    if args.table is not None:
+        write_table(args.table, _table(result))
+    report = {"output": str(args.output), "transport": args.interface, **describe(result)}
+    if args.json:
+        print_json(report)
+    else:
+        print_lines(_lines(report))
+
+
+def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
+    from crease.errors import LoopError
+    from crease.hil import run_inprocess
+    from crease.native import RESPONSES, ffi, lib
+    from crease.verbs.sim import load_params, parse_fault
+
+    if args.response not in RESPONSES:
+        raise LoopError(f"--response {args.response}: is not known; use {' or '.join(RESPONSES)}")
+    config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
+    config.world.stiffness_N_m = args.stiffness
+    config.world.response = RESPONSES[args.response]
+    params = load_params(args.device)
+    faults = [parse_fault(text) for text in args.fault]
+    with Progress() as progress:
+        def say(part: float) -> None:
+            progress("hil", part)
+
+        if args.log is None:
+            return run_inprocess(scene, path, config, params, faults, progress=say)
+        import can
+
+        check_suffix(args.log, (".log", ".asc", ".blf"))
+        check_target(args.log, args.force)
+        with can.Logger(str(args.log)) as log:
+            def keep(t_s: float, frame: Any) -> None:
+                log(
+                    can.Message(
+                        timestamp=t_s, arbitration_id=frame.id, data=frame.data, is_extended_id=False, channel="inprocess"
+                    )
+                )
+
+            return run_inprocess(scene, path, config, params, faults, on_frame=keep, progress=say)
+
+
+def _table(result: Any) -> dict[str, Any]:
+    from crease.recording import to_columns
+
+    start = result.path_start
+    columns = to_columns(result.recording.rows[start:])
+    if len(result.mechanism):
+        felt = result.mechanism[start:]
+        for field, names in (
+            ("hand_force_N", ("hand_fx_N", "hand_fy_N", "hand_fz_N")),
+            ("tip_acc_m_s2", ("ax_m_s2", "ay_m_s2", "az_m_s2")),
+            ("hand_target_m", ("hand_x_m", "hand_y_m", "hand_z_m")),
+        ):
+            columns.update(zip(names, np.ascontiguousarray(felt[field].T), strict=True))
+    return columns
+
+
+def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
+    faults = ", ".join(report["faults"]) or "none"
+    lines = [
+        ("recording", report["output"]),
+        ("transport", report["transport"]),
+        (
+            "ticks",
+            f"{report['ticks']:,}, {report['ticks_rendering']:,} rendering, {report['ticks_in_contact']:,} in contact, "
+            f"{report['ticks_limited']:,} limited",
+        ),
+        ("force", f"{report['force_max_N']:.4g} N max"),
+        ("depth", f"{1e3 * report['depth_max_m']:.4g} mm max"),
+        ("energy", f"{1e3 * report['energy_max_J']:.3g} mJ given to the hand at most"),
+    ]
+    if "buzz_m_s2" in report:
+        lines.append(("buzz", f"{report['buzz_m_s2']:.3g} m/s^2, 20..250 Hz"))
+    lines.append(("bus", f"{report['missing']} states missing, {report['late']} late, {report['frames_lost']} lost"))
+    lines.append(("faults", faults))
+    return lines

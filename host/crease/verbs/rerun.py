@@ -1,0 +1,57 @@
+"""`crease replay` of a recording: the recorded ticks run through the library again, every output compared to the bit."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from crease.errors import RecordingError
+from crease.recording import fault_names, load_recording, rerun, to_columns
+from crease.scene import open_scene
+from crease.table import write_table
+from crease.verbs.common import print_json, print_lines, warn
+
+
+def run(args: argparse.Namespace) -> None:
+    """args as of `crease replay`. Settings come from the recording, not from the command line.
+
+    Errors: RecordingError when the recording does not fit the scene, or does not come out the same.
+    """
+    start_s = time.monotonic()
+    scene, recording = open_scene(args.scene), load_recording(args.path)
+    result = rerun(recording, scene)
+    write_table(args.output, to_columns(result.rows))
+    warnings = []
+    if result.gap:
+        warnings.append(
+            f"records are missing after tick {int(recording.rows['tick'][result.records - 1])}: "
+            f"{len(recording) - result.records} ticks were not run again"
+        )
+    warn(warnings)
+    faults = sorted({name for bits in set(recording.rows["faults"].tolist()) for name in fault_names(bits)})
+    report: dict[str, object] = {
+        "output": str(args.output),
+        "ticks": result.records,
+        "ticks_different": result.different,
+        "ticks_rendering": int(recording.rows["counters"]["ticks_rendering"][result.records - 1]),
+        "faults": faults,
+        "time_s": round(time.monotonic() - start_s, 3),
+        "warnings": warnings,
+    }
+    if args.json:
+        print_json(report)
+    else:
+        print_lines(
+            [
+                ("table", str(args.output)),
+                ("ticks", f"{result.records:,} run again, {report['ticks_rendering']:,} rendering"),
+                ("different", f"{result.different:,}"),
+                ("faults", ", ".join(faults) or "none"),
+                ("time", f"{report['time_s']:.2f} s"),
+            ]
+        )
+    if result.different:
+        raise RecordingError(
+            f"{args.path}: {result.different} of {result.records} ticks do not come out the same, the first is {result.first}; "
+            "was it recorded with another version?"
+        )

@@ -1,0 +1,215 @@
+"""The closed loop in one process, its recording, and the recording run again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crease import recording as rec
+from crease.hil import InProcess, buzz_m_s2, hand_targets, lead_in, resample, run_inprocess
+from crease.native import ffi, lib
+from crease.scene import open_scene
+from crease.trajectory import load_trajectory
+from host_tools import Run, write_path
+
+
+@pytest.fixture(scope="session")
+def slow_press_csv(folder: Path) -> Path:
+    """The ball comes down on the block with 20 mm/s, 2 mm deep, slides, and leaves."""
+    down = np.linspace([0.0, 0.0, 0.014], [0.0, 0.0, 0.008], 300)
+    along = np.linspace([0.0, 0.0, 0.008], [0.010, 0.0, 0.008], 300)
+    up = np.linspace([0.010, 0.0, 0.008], [0.010, 0.0, 0.014], 300)
+    return write_path(folder / "slow_press.csv", np.concatenate([down, along, up]))
+
+
+@pytest.fixture(scope="session")
+def run_crr(folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run) -> Path:
+    """Recording of the press."""
+    path = folder / "run.crr"
+    said = crease("hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--table", folder / "run.csv")
+    assert said.status == 0, said.err
+    return path
+
+
+def test_record_layout_is_that_of_the_c_struct() -> None:
+    assert rec.check_layout()
+
+
+def test_hil_renders_the_contact_without_a_fault(
+    folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
+) -> None:
+    said = crease(
+        "hil", scene_crs, "--operator", slow_press_csv, "-o", folder / "json.crr", "--log", folder / "run.log", "--json"
+    )
+    assert said.status == 0, said.err
+    assert said.json["faults"] == []
+    assert said.json["ticks_rendering"] >= 900
+    assert said.json["ticks_in_contact"] > 400
+    assert 0.3 < said.json["force_max_N"] < 3.0
+    assert said.json["missing"] == said.json["overruns"] == 0
+    log = (folder / "run.log").read_text(encoding="ascii").splitlines()
+    assert sum(" 080#" in line for line in log) >= said.json["ticks"] - 60
+    table = np.genfromtxt(folder / "run.csv", delimiter=",", names=True) if (folder / "run.csv").exists() else None
+    assert table is None or np.isfinite(table["fx_N"]).all()
+
+
+def test_hil_gives_the_same_bytes_twice(
+    folder: Path, scene_crs: Path, slow_press_csv: Path, run_crr: Path, crease: Run
+) -> None:
+    again = folder / "again.crr"
+    assert crease("hil", scene_crs, "--operator", slow_press_csv, "-o", again).status == 0
+    assert again.read_bytes() == run_crr.read_bytes()
+
+
+def test_replay_of_a_recording_reproduces_every_tick_to_the_bit(
+    folder: Path, scene_crs: Path, run_crr: Path, crease: Run
+) -> None:
+    said = crease("replay", scene_crs, run_crr, "-o", folder / "rerun.csv", "--json")
+    assert said.status == 0, said.err
+    assert said.json["ticks_different"] == 0
+    assert said.json["ticks"] == len(rec.load_recording(run_crr))
+
+
+def test_replay_tells_the_first_tick_that_differs(
+    folder: Path, scene_crs: Path, run_crr: Path, crease: Run
+) -> None:
+    data = bytearray(run_crr.read_bytes())
+    at = int(lib.CR_RECORDS_AT) + 1500 * 512
+    offset = rec.RECORD.fields["target"][1]  # type: ignore[index]
+    data[at + offset] ^= 1
+    changed = folder / "changed.crr"
+    changed.write_bytes(data)
+    said = crease("replay", scene_crs, changed, "-o", folder / "changed.csv")
+    assert said.status == 1
+    assert "1 of" in said.err
+    assert "the first is 1500" in said.err
+
+
+def test_replay_refuses_a_recording_of_another_scene(
+    folder: Path, run_crr: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    other = folder / "other.crs"
+    assert crease("bake", block_stl, ball_stl, "-o", other, "--unit", "mm", "--spacing", "2mm").status == 0
+    said = crease("replay", other, run_crr, "-o", folder / "other.csv")
+    assert said.status == 1
+    assert "another scene" in said.err
+
+
+def test_replay_refuses_a_recording_that_is_cut_or_of_another_version(
+    folder: Path, scene_crs: Path, run_crr: Path, crease: Run
+) -> None:
+    data = run_crr.read_bytes()
+    version = bytearray(data)
+    version[8] = 9
+    for name, content, why in (
+        ("cut", data[:-100], "cut short"),
+        ("head", data[:500], "less than its head"),
+        ("version", bytes(version), "record it again"),
+    ):
+        path = folder / f"{name}.crr"
+        path.write_bytes(content)
+        said = crease("replay", scene_crs, path, "-o", folder / f"{name}.csv")
+        assert said.status == 1
+        assert why in said.err
+        assert said.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [
+        ("silent:tick=1600,ticks=50,axis=Y", "silent"),
+        ("encoder_jump:tick=1600,axis=X,value=400", "jump"),
+        ("drive_reset:tick=1600,axis=Z", "reset"),
+        ("drive_error:tick=1600,axis=X,value=0x2310", "emcy"),
+        ("babble:tick=1600,axis=Y,id=0x692,value=20", "babble"),
+    ],
+)
+def test_fault_of_a_simulated_drive_zeroes_the_torque_and_is_in_the_recording(
+    folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run, fault: str, name: str
+) -> None:
+    path = folder / f"fault_{name}.crr"
+    said = crease("hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--fault", fault, "--json")
+    assert said.status == 0, said.err
+    assert name in said.json["faults"]
+    recording = rec.load_recording(path)
+    rows = recording.rows
+    first = int(np.flatnonzero(rows["faults"])[0])
+    assert 1650 <= first <= 1655, "SYNC 1600 goes out in tick 1650: the first 50 listen"
+    assert (rows["target"][first:] == 0).all()
+    assert (rows["mode"][first:] == lib.CR_MODE_FAULT).all()
+    assert rec.rerun(recording, open_scene(scene_crs)).different == 0
+
+
+def test_fault_clears_on_command_only(scene_crs: Path, slow_press_csv: Path) -> None:
+    loop = InProcess(open_scene(scene_crs))
+    targets = hand_targets(resample(load_trajectory(slow_press_csv)), loop.config)
+    lead = lead_in(targets, loop.drives.state.tip_pos_m)
+    loop.bring_up(lead)
+    loop.command(int(lib.CR_INPUT_BUS_OFF))
+    loop.tick()
+    for _ in range(300):
+        loop.command(int(lib.CR_COMMAND_START))
+        loop.tick()
+        assert loop.mode == lib.CR_MODE_FAULT
+    loop.command(int(lib.CR_COMMAND_CLEAR))
+    loop.bring_up(lead)
+    loop.command(int(lib.CR_COMMAND_START))
+    loop.tick()
+    assert loop.mode in (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED)
+
+
+def test_firmware_and_simulator_assume_the_same_device() -> None:
+    from crease._sim import lib as sim
+
+    config, params = lib.cr_servo_config_default(), sim.cr_sim_params_default()
+    links = (1.0, config.arm.upper_m, config.arm.fore_m)
+    assert list(params.link_m) == pytest.approx([config.arm.upper_m, config.arm.fore_m])
+    for axis in range(3):
+        assert params.axes[axis].step_m / links[axis] == pytest.approx(config.axis[axis].step, rel=1e-5)
+        assert params.axes[axis].coulomb_N * links[axis] == pytest.approx(config.axis[axis].coulomb, rel=1e-5)
+    assert params.gravity_N * config.arm.upper_m == pytest.approx(config.axis[1].gravity, rel=1e-5)
+    assert params.wrist_step_rad == pytest.approx(config.wrist_step_rad, rel=1e-5)
+
+
+def test_path_out_of_reach_is_refused_with_its_row(folder: Path, scene_crs: Path, crease: Run) -> None:
+    path = write_path(folder / "far.csv", np.array([[0.0, 0.0, 0.014], [0.0, 0.9, 0.014]]))
+    said = crease("hil", scene_crs, "--operator", path, "-o", folder / "far.crr")
+    assert said.status == 1
+    assert "does not reach" in said.err
+
+
+def test_wrong_bitrate_and_missing_interface_are_told_on_one_line(
+    folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
+) -> None:
+    words = ["hil", scene_crs, "--operator", slow_press_csv, "-o", folder / "no.crr"]
+    said = crease(*words, "-b", "500000")
+    assert said.status == 1
+    assert "500000" in said.err
+    said = crease(*words, "-i", "socketcan", "-c", "nocan9")
+    assert said.status == 1
+    assert "nocan9" in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_buzz_is_the_rms_of_its_band() -> None:
+    t_s = np.arange(2000) * 1e-3
+    inside, outside = np.sin(2 * np.pi * 60 * t_s), np.sin(2 * np.pi * 5 * t_s)
+    zero = np.zeros_like(t_s)
+    assert buzz_m_s2(np.column_stack([inside, outside, zero])) == pytest.approx(np.sqrt(0.5), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_slow_edge_is_quiet_and_without_a_fault(scene_crs: Path, folder: Path) -> None:
+    """The ball over the edge of the block at 20 mm/s: stable, no fault, buzz below what a hand feels."""
+    around = np.linspace(np.pi / 2, 0.0, 2500)
+    radius = 0.0085
+    path = write_path(
+        folder / "edge.csv",
+        np.column_stack([0.04 + radius * np.cos(around), np.zeros(2500), radius * np.sin(around)]),
+    )
+    result = run_inprocess(open_scene(scene_crs), load_trajectory(path), ffi.NULL or None)
+    rows = result.recording.rows
+    assert int(rows["counters"]["faults"][-1]) == 0
+    along = result.mechanism["tip_acc_m_s2"][result.path_start + 500 :]
+    assert buzz_m_s2(along) < 0.05

@@ -1,0 +1,234 @@
+"""firmware/SPEC.md tells the truth: its tables are the C structs, and an image can be read by that page alone."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from crease.native import ffi, lib
+from crease.scene import Scene, open_scene
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+TEXT = (ROOT / "firmware" / "SPEC.md").read_text(encoding="utf-8")
+
+C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i16": "int16_t", "f32": "float"}
+NUMPY_TYPES = {"u8": "u1", "u16": "<u2", "u32": "<u4", "i16": "<i2", "f32": "<f4"}
+TABLE = re.compile(r"^#+ [^\n]*`(cr_img_\w+)`, (\d+) bytes$(.*?)(?=^#)", re.MULTILINE | re.DOTALL)
+FIELD = re.compile(r"^\| (\d+) \| (\w+)(?:\[(\d+)\])? \| (\w+) \|", re.MULTILINE)
+SECTION = re.compile(r"^\| (\d+) \| `(CR_SEC_\w+)` \| (?:`(\w+)`|(\w+)) \| (\d+) \|", re.MULTILINE)
+CONSTANT = re.compile(r"^\| `(CR_\w+)` \| (-?\w+) \|", re.MULTILINE)
+
+Records = dict[str, tuple[int, list[tuple[int, str, int, str]]]]
+
+
+def spec_records() -> Records:
+    """Size and fields (offset, type, count, name) of every record, as SPEC.md has them."""
+    return {
+        name: (
+            int(size),
+            [(int(at), kind, int(n or 1), field) for at, kind, n, field in FIELD.findall(body)],
+        )
+        for name, size, body in TABLE.findall(TEXT)
+    }
+
+
+RECORDS = spec_records()
+HERE = ("cr_img_header", "cr_img_section", "cr_img_meta", "cr_img_brick", "cr_img_kind")
+THERE = ("facet", "pair", "edge", "cluster", "sum", "group")
+
+
+def test_spec_has_a_table_for_every_record() -> None:
+    assert sorted(RECORDS) == sorted([*HERE, *(f"cr_img_{name}" for name in THERE)])
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_record_is_laid_out_as_in_c(name: str) -> None:
+    size, fields = RECORDS[name]
+    kind = ffi.typeof(f"struct {name}")
+    in_c = []
+    for field, info in kind.fields:
+        array = info.type.kind == "array"
+        item = info.type.item if array else info.type
+        in_c.append((info.offset, item.cname, info.type.length if array else 1, field))
+    assert size == ffi.sizeof(kind)
+    assert [(at, C_TYPES[t], count, field) for at, t, count, field in fields] == in_c
+
+
+def test_records_have_no_gaps() -> None:
+    for size, fields in RECORDS.values():
+        at = 0
+        for offset, kind, count, _ in fields:
+            assert offset == at
+            at += np.dtype(NUMPY_TYPES[kind]).itemsize * count
+        assert at == size
+
+
+def test_sections_are_numbered_as_in_c() -> None:
+    rows = SECTION.findall(TEXT)
+    assert [int(row[0]) for row in rows] == list(range(1, int(lib.CR_SEC_COUNT) + 1))
+    for number, constant, struct, plain, stride in rows:
+        assert getattr(lib, constant) == int(number)
+        size = RECORDS[struct][0] if struct else np.dtype(NUMPY_TYPES[plain]).itemsize
+        assert size == int(stride)
+
+
+def test_constants_have_the_values_of_c() -> None:
+    rows = CONSTANT.findall(TEXT)
+    assert len({name for name, _ in rows}) > 25
+    for name, value in rows:
+        assert getattr(lib, name) == int(value, 0), name
+
+
+class SpecImage:
+    """An image read with the tables and formulas of SPEC.md and nothing else."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.header = np.frombuffer(data, self._record("cr_img_header"), 1)[0]
+        table = np.frombuffer(data, self._record("cr_img_section"), 14, 64)
+        self.part: dict[str, npt.NDArray[Any]] = {}
+        for row, (number, name, struct, plain, _) in zip(table, SECTION.findall(TEXT), strict=True):
+            assert row["id"] == int(number)
+            kind = self._record(struct) if struct else np.dtype(NUMPY_TYPES[plain])
+            found = np.frombuffer(data, kind, int(row["count"]), int(row["offset"]))
+            self.part[name.removeprefix("CR_SEC_")] = found
+        self.meta = self.part["META"][0]
+
+    @staticmethod
+    def _record(name: str) -> np.dtype[Any]:
+        size, fields = RECORDS[name]
+        return np.dtype(
+            {
+                "names": [field for *_, field in fields],
+                "formats": [
+                    (NUMPY_TYPES[t], (n,)) if n > 1 else NUMPY_TYPES[t] for _, t, n, _ in fields
+                ],
+                "offsets": [at for at, *_ in fields],
+                "itemsize": size,
+            }
+        )
+
+    def crc(self) -> int:
+        at = 16
+        return zlib.crc32(
+            self.data[:at] + bytes(4) + self.data[at + 4 : int(self.header["size_bytes"])]
+        )
+
+    def distance(self, p: npt.NDArray[np.float64]) -> tuple[float, npt.NDArray[np.float64]]:
+        """phi and gradient at p by "Distance at a point"."""
+        m = self.meta
+        dims = m["dims"].astype(int)
+        g = (p - m["origin_m"]) / m["brick_m"]
+        c = np.clip(g, 0.0, dims * (1 - 1e-9))
+        brick_at = c.astype(int)
+        u = c - brick_at
+        entry = int(self.part["TOP"][(brick_at[2] * dims[1] + brick_at[1]) * dims[0] + brick_at[0]])
+        if entry & 0x80000000:
+            beyond = m["brick_m"] * np.linalg.norm(g - c)
+            bound = (entry & 0x3FFFFFFF) * m["quantum_m"] + beyond
+            return float(-bound if entry & 0x40000000 else bound), np.zeros(3)
+        brick = self.part["BRICKS"][entry]
+        phi, gradient = self._interpolate(brick, u)
+        if abs(phi) < m["crease_m"] and brick["creased"]:
+            cell = np.minimum((8 * u).astype(int), 7)
+            index = brick["kind"]
+            if brick["cells"] != 0xFFFFFFFF:
+                index = self.part["CELLS"][
+                    int(brick["cells"]) + (cell[2] * 8 + cell[1]) * 8 + cell[0]
+                ]
+            kind = self.part["KINDS"][index]
+            if kind["kind"] in (3, 4):
+                return self._planes(kind, p)
+        return phi, gradient
+
+    def _interpolate(
+        self, brick: Any, u: npt.NDArray[np.float64]
+    ) -> tuple[float, npt.NDArray[np.float64]]:
+        side = int(brick["side"])
+        first, n = int(brick["samples"]), side + 1
+        cube = self.part["SAMPLES"][first : first + n**3].reshape(n, n, n).astype(np.float64)
+        v = side * u
+        k = np.minimum(v.astype(int), side - 1)
+        f = v - k
+        eight = cube[k[2] : k[2] + 2, k[1] : k[1] + 2, k[0] : k[0] + 2]
+        ends = [np.array([1 - t, t]) for t in f]
+        slope = np.array([-1.0, 1.0])
+        quantum, step = float(self.meta["quantum_m"]), float(self.meta["brick_m"]) / side
+
+        def weigh(x: Any, y: Any, z: Any) -> float:
+            return float(np.einsum("zyx,x,y,z", eight, x, y, z)) * quantum
+
+        rows = [(slope, ends[1], ends[2]), (ends[0], slope, ends[2]), (ends[0], ends[1], slope)]
+        return weigh(*ends), np.array([weigh(*row) for row in rows]) / step
+
+    def _planes(
+        self, kind: Any, p: npt.NDArray[np.float64]
+    ) -> tuple[float, npt.NDArray[np.float64]]:
+        s = 1.0 if kind["kind"] == 3 else -1.0
+        facets = self.part["FACETS"][kind["facet"][: kind["count"]]]
+        m = s * facets["normal"].astype(np.float64)
+        h = m @ p - s * facets["offset_m"]
+        i = int(h.argmax())
+        if h[i] <= 0:
+            return float(s * h[i]), s * m[i]
+        e = h - h[i] * (m @ m[i])
+        e[i] = -np.inf
+        j = int(e.argmax())
+        c = float(m[i] @ m[j])
+        if e[j] <= 0 or 1 - c * c < 1e-6:
+            return float(s * h[i]), s * m[i]
+        o = h[i] * m[i] + e[j] / (1 - c * c) * (m[j] - c * m[i])
+        rest = h - m @ o
+        rest[[i, j]] = -np.inf
+        k = int(rest.argmax())
+        if rest[k] > 0 and abs(np.linalg.det(m[[i, j, k]])) >= 1e-3:
+            o = np.linalg.solve(m[[i, j, k]], h[[i, j, k]])
+        d = float(np.linalg.norm(o))
+        return s * d, s * o / d
+
+
+@pytest.fixture(scope="module")
+def spec_image(scene_crs: Path) -> SpecImage:
+    return SpecImage(scene_crs.read_bytes())
+
+
+def test_checksum_is_the_one_described(spec_image: SpecImage) -> None:
+    assert spec_image.crc() == int(spec_image.header["crc32"])
+    assert bytes(spec_image.header["magic"]).hex(" ") in TEXT
+
+
+def test_distances_come_from_the_page_alone(scene_crs: Path, spec_image: SpecImage) -> None:
+    """Planes, edges and vertices of the block, flat and far bricks, and points beyond the grid."""
+    rng = np.random.default_rng(3)
+    anywhere = rng.uniform(-0.12, 0.12, (1500, 3))
+    corners = np.array(
+        [[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04) for z in (-0.04, 0)]
+    )
+    near = corners[rng.integers(0, 8, 1500)] + rng.normal(scale=0.002, size=(1500, 3))
+    sides = rng.uniform([-0.04, -0.04, -0.003], [0.04, 0.04, 0.003], (500, 3))
+    points = np.concatenate([anywhere, near, sides]).astype(np.float32)
+    scene: Scene = open_scene(scene_crs)
+    phi = np.empty(len(points), np.float32)
+    gradient = np.empty((len(points), 3), np.float32)
+    kind, facet = np.empty(len(points), np.uint32), np.empty(len(points), np.uint32)
+    lib.crp_look_up(
+        scene.handle,
+        ffi.from_buffer("float[]", points.reshape(-1)),
+        len(points),
+        ffi.from_buffer("float[]", phi),
+        ffi.from_buffer("float[]", gradient.reshape(-1)),
+        ffi.from_buffer("uint32_t[]", kind),
+        ffi.from_buffer("uint32_t[]", facet),
+    )
+    read = [spec_image.distance(p) for p in points.astype(np.float64)]
+    assert (facet != 0xFFFFFFFF).sum() > 500
+    assert (np.linalg.norm(gradient, axis=1) == 0).sum() > 100
+    np.testing.assert_allclose(phi, [r[0] for r in read], atol=1e-6)
+    # Where two planes are equally near, rounding decides: all but a few directions agree.
+    off = np.linalg.norm(gradient - np.array([r[1] for r in read]), axis=1)
+    assert (off < 1e-3).mean() > 0.995
