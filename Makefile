@@ -160,8 +160,8 @@ sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizer
 coverage: build/.host c-tests-cov build/scenes/.stamp ## lines and branches that the tests reach, C and Python
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
 	$(PY) tests/run.py --c-tests build/cov/tests --only-c
-	gcovr --root . --filter 'firmware/' --filter 'host/native/' build/cov
-	gcovr --root . --filter 'firmware/' --filter 'host/native/' --branches build/cov | tail -3
+	gcovr --root . --filter 'firmware/' --filter 'host/native/' --filter 'sim/' build/cov
+	gcovr --root . --filter 'firmware/' --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -3
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
@@ -175,7 +175,7 @@ bench-loop: build/.host ## stability of the closed loop: the simulator against t
 
 # Length of the two runs whose logs must be identical.
 HIL_SECONDS ?= 5
-HIL_TESTS := tests/bus/test_drive.py tests/bus/test_cli.py $(wildcard tests/hil/test_*.py)
+HIL_TESTS := tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/hil/test_*.py)
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
 
 hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside the checkout)
@@ -197,13 +197,13 @@ lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
 
 lint-clang-tidy:
-	@echo clang-tidy $(FIRMWARE_C) $(NATIVE_C)
-	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(NATIVE_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	@echo clang-tidy $(FIRMWARE_C) $(NATIVE_C) $(SIM_C)
+	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(NATIVE_C) $(SIM_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
 	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
 
 lint-cppcheck:
 	cppcheck --quiet --std=c11 --error-exitcode=1 --enable=warning,performance,portability --inline-suppr \
-	    --suppress=missingIncludeSystem -Ifirmware -Ihost/native firmware host/native tests/check
+	    --suppress=missingIncludeSystem -Ifirmware -Ihost/native -Isim firmware host/native sim tests/check
 
 lint-ruff:
 	$(PY) -m ruff check --config host/pyproject.toml $(PY_LINT)

@@ -29,13 +29,20 @@ enum { STATE_BOOT = 0x00, STATE_OPERATIONAL = 0x05, STATE_PRE_OPERATIONAL = 0x7f
 #define STATUS_SWITCHED_ON 0x23u
 #define STATUS_ENABLED 0x27u
 #define STATUS_FAULT 0x08u
-enum { CONTROL_OFF = 0x00, CONTROL_SHUTDOWN = 0x06, CONTROL_SWITCH_ON = 0x07, CONTROL_ENABLE = 0x0f, CONTROL_RESET = 0x80 };
+enum {
+    CONTROL_OFF = 0x00,
+    CONTROL_SHUTDOWN = 0x06,
+    CONTROL_SWITCH_ON = 0x07,
+    CONTROL_ENABLE = 0x0f,
+    CONTROL_RESET = 0x80
+};
 #define MODE_CYCLIC_TORQUE 10u
 
 #define MS_NS 1000000ull
 #define SDO_SPACING_NS (10u * MS_NS)
 #define SDO_TRIES 3u
 #define RESET_REPEAT_NS (500u * MS_NS)
+#define RESET_SETTLE_NS (20u * MS_NS)
 #define CONTROL_REPEAT_NS (20u * MS_NS)
 /* A drive whose state comes twice in this many periods in a row is two drives. */
 #define TWICE_ROW_MAX 3u
@@ -198,11 +205,13 @@ static void receive_heartbeat(cr_bus *bus, uint32_t axis, const cr_frame *frame,
     drive->heard_ns = now_ns;
     drive->nmt_state = state;
     if (bus->phase == CR_PHASE_RESET) {
-        /* Operational would be the state before the reset. */
-        drive->seen |= state == STATE_BOOT || state == STATE_PRE_OPERATIONAL ? 1u : 0u;
-    } else if (bus->phase == CR_PHASE_SET_UP && state == STATE_BOOT) {
-        raise_axis(bus, CR_FAULT_RESET, axis);
-    } else if (bus->phase == CR_PHASE_RUN && state != STATE_OPERATIONAL) {
+        /* Pre-operational right after the reset, and operational at any time, may be from before it. */
+        int settled = !bus->reset_due && now_ns - bus->reset_ns >= RESET_SETTLE_NS;
+        drive->seen |= state == STATE_BOOT || (state == STATE_PRE_OPERATIONAL && settled) ? 1u : 0u;
+        return;
+    }
+    int booted = bus->phase == CR_PHASE_SET_UP && state == STATE_BOOT;
+    if (booted || (bus->phase == CR_PHASE_RUN && state != STATE_OPERATIONAL)) {
         raise_axis(bus, CR_FAULT_RESET, axis);
     }
 }
@@ -475,6 +484,9 @@ void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t tar
     }
     if (bus->reset_due) {
         send_nmt(tx, NMT_RESET_COMMUNICATION);
+        for (uint32_t a = 0; a < CR_AXES; a++) {
+            bus->drive[a].seen = 0u; /* all of them boot again */
+        }
         bus->reset_due = 0u;
         bus->reset_ns = now_ns;
     } else if (bus->start_due) {

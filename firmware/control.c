@@ -59,8 +59,8 @@ float cr_velocity_step(cr_velocity *v, int32_t counts, uint32_t window) {
     return sum * 12.0f / ((float)n * (float)(n + 1u) * (float)(n + 2u));
 }
 
-void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES], float period_s,
-                       float speed[CR_AXES]) {
+void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
+                       float period_s, float speed[CR_AXES]) {
     for (int a = 0; a < CR_AXES; a++) {
         float slope = cr_velocity_step(&control->velocity[a], counts[a], config->control.window);
         speed[a] = slope * config->axis[a].step / period_s;
@@ -179,11 +179,8 @@ static cr_vec3 limit_workspace(const cr_arm_config *arm, const cr_control_input 
 /* What holds the links up, and part of what dry friction takes: never as much, else the compensation would drive. */
 static float compensate(const cr_servo_config *config, const cr_control_input *in, int a) {
     const cr_axis_config *axis = &config->axis[a];
-    float sine, cosine = 1.0f;
-    if (a > 0) {
-        cr_sincos(in->joint[a], &sine, &cosine);
-    }
-    float speed = in->speed[a];
+    float sine, cosine, speed = in->speed[a];
+    cr_sincos(a == 0 ? 0.0f : in->joint[a], &sine, &cosine); /* the guide is level everywhere */
     return axis->gravity * cosine +
            config->control.friction_share * axis->coulomb * speed / (abs_f(speed) + axis->friction_speed);
 }

@@ -73,7 +73,7 @@ typedef struct {
     const struct cr_img_sum *sums;         /* [cluster_count] */
     const struct cr_img_group *groups;     /* [group_count], root first */
     const uint32_t *adj_start;             /* [cluster_count + 1] */
-    const uint32_t *adj;                   /* [adj_count] */
+    const struct cr_img_neighbour *adj;    /* [adj_count] */
     uint32_t brick_count, sample_count, cell_count, kind_count, facet_count, pair_count, edge_count;
     uint32_t cluster_count, group_count, adj_count;
 } cr_scene;

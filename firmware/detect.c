@@ -254,6 +254,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
         return;
     }
     uint32_t first = w->set->touch_count;
+    hit->covered = 0xffffu;
     hit->inside = 0xffffu;
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
     hit->whole = 1u;
@@ -275,6 +276,7 @@ static void take_coarse(walk *w, uint32_t cluster, float phi_m, float radius_m) 
         return;
     }
     const struct cr_img_sum *s = &w->scene->sums[cluster];
+    hit->covered = 0xffffu;
     hit->inside = phi_m <= 0.0f ? 0xffffu : 0u;
     hit->near = 0u;
     hit->whole = 0u;
@@ -331,6 +333,7 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     }
     uint32_t first = w->set->touch_count;
     uint32_t outside = lanes_where_below(negative, zero);
+    hit->covered = (uint16_t)covered;
     hit->inside = (uint16_t)(~outside & 0xffffu);
     hit->near = (uint16_t)((outside | c->crease_mask) & lanes_where_below(at.phi_m, c->reach));
     hit->whole = 0u;

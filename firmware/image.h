@@ -163,6 +163,12 @@ struct cr_img_sum {
     float pad;
 };
 
+/* A neighbour of a cluster on the tool surface, and the lanes by which the two touch. */
+struct cr_img_neighbour {
+    uint32_t cluster;
+    uint16_t mine, theirs; /* lanes of this cluster beside the other, and the other way round */
+};
+
 /* 16 spheres of one node of the tree: its children are groups, or clusters at the last level. */
 struct cr_img_group {
     float x[CR_LANES], y[CR_LANES], z[CR_LANES];

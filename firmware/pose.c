@@ -19,7 +19,8 @@ void cr_sincos(float angle_rad, float *sine, float *cosine) {
     float x = ((angle_rad - n * 1.5703125f) - n * 4.8351287841796875e-4f) - n * 3.13916479e-7f;
     float z = x * x;
     float s = ((-1.9515295891e-4f * z + 8.3321608736e-3f) * z - 1.6666654611e-1f) * z * x + x;
-    float c = ((2.443315711809948e-5f * z - 1.388731625493765e-3f) * z + 4.166664568298827e-2f) * z * z - 0.5f * z + 1.0f;
+    float c =
+        ((2.443315711809948e-5f * z - 1.388731625493765e-3f) * z + 4.166664568298827e-2f) * z * z - 0.5f * z + 1.0f;
     switch ((uint32_t)quadrant & 3u) {
     case 0u:
         *sine = s;

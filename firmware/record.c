@@ -70,9 +70,7 @@ uint32_t cr_record_pop(cr_record_ring *ring, cr_record *out, uint32_t max) {
     return count;
 }
 
-uint32_t cr_record_lost(const cr_record_ring *ring) {
-    return atomic_load_explicit(&ring->lost, memory_order_relaxed);
-}
+uint32_t cr_record_lost(const cr_record_ring *ring) { return atomic_load_explicit(&ring->lost, memory_order_relaxed); }
 
 static const char magic[8] = {'C', 'R', 'R', 'E', 'C', 'O', 'R', 'D'};
 

@@ -257,13 +257,15 @@ typedef struct {
     cr_vec3 n_world, n_tool;
     float shift_m;           /* n . p = n_tool . p_tool + shift */
     const cr_area_work *area;
-    uint32_t behind;         /* zones behind whose plane a point has to lie: those of a split area, when planar */
+    uint32_t behind;         /* zones behind whose plane a point has to lie: those of a split area */
 } probe;
 
 static int lies_behind(const probe *d, cr_vec3 p_world) {
     for (uint32_t left = d->behind; left != 0u;) {
-        const cr_zone *zone = &d->area->zones[take_lane(&left)];
-        if (v3_dot(zone->normal_world, p_world) > zone->offset_m) {
+        int z = take_lane(&left);
+        const cr_zone *zone = &d->area->zones[z];
+        float bulge = d->area->shapes[z].spread_rad * zone->radius_m;
+        if (v3_dot(zone->normal_world, p_world) > zone->offset_m + bulge) {
             return 0;
         }
     }
@@ -327,7 +329,7 @@ static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_are
     float best = start;
     uint32_t all = (1u << a->zone_count) - 1u;
     for (uint32_t z = 0; z < a->zone_count && zones != all; z++) {
-        d.behind |= (uint32_t)(((zones >> z) & 1u) && !a->shapes[z].curved) << z;
+        d.behind |= ((zones >> z) & 1u) << z;
     }
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;

@@ -61,7 +61,7 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
     s->sums = find_section(image, size, CR_SEC_SUMS, sizeof(struct cr_img_sum), &sums);
     s->groups = find_section(image, size, CR_SEC_GROUPS, sizeof(struct cr_img_group), &s->group_count);
     s->adj_start = find_section(image, size, CR_SEC_ADJ_START, 4u, &starts);
-    s->adj = find_section(image, size, CR_SEC_ADJ, 4u, &s->adj_count);
+    s->adj = find_section(image, size, CR_SEC_ADJ, sizeof(struct cr_img_neighbour), &s->adj_count);
     if (s->meta == NULL || s->top == NULL || s->bricks == NULL || s->samples == NULL || s->cells == NULL ||
         s->kinds == NULL || s->facets == NULL || s->pairs == NULL || s->edges == NULL || s->clusters == NULL ||
         s->sums == NULL || s->groups == NULL || s->adj_start == NULL || s->adj == NULL) {
@@ -201,7 +201,7 @@ static cr_err check_shell(const cr_scene *s) {
         }
     }
     for (uint32_t i = 0; i < s->adj_count; i++) {
-        if (s->adj[i] >= s->cluster_count) {
+        if (s->adj[i].cluster >= s->cluster_count) {
             return CR_ERR_INDEX;
         }
     }

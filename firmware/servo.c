@@ -344,8 +344,8 @@ void cr_servo_tick(cr_servo *s, uint64_t now_ns, float period_s, cr_tx *tx) {
     memset(&out, 0, sizeof out);
     record_inputs(s, inputs, now_ns, period_s);
     uint32_t faults = check_time(s, now_ns, period_s) | take_inputs(s, inputs) | take_frames(s, now_ns);
-    float period = period_s > 0.0f ? clamp_f(period_s, 0.5f * s->config.period_s, 2.0f * s->config.period_s)
-                                   : s->config.period_s;
+    float period =
+        period_s > 0.0f ? clamp_f(period_s, 0.5f * s->config.period_s, 2.0f * s->config.period_s) : s->config.period_s;
     faults = sense_and_touch(s, faults, period);
     step_mode(s, inputs, faults);
     if (cr_mode_is_rendering(s->mode)) {
@@ -379,8 +379,8 @@ static uint16_t is_ready(const cr_servo *s) {
 }
 
 cr_servo_status cr_servo_get_status(const cr_servo *s) {
-    cr_servo_status status = {s->mode, s->faults, s->record.limits, s->first_fault, 0u, s->bus.sdo_abort,
-                              s->bus.trouble_axis, s->bus.emcy_code, is_ready(s), s->counters};
+    cr_servo_status status = {s->mode,          s->faults,           s->record.limits, s->first_fault, 0u,
+                              s->bus.sdo_abort, s->bus.trouble_axis, s->bus.emcy_code, is_ready(s),    s->counters};
     for (uint32_t a = 0; a < CR_AXES; a++) {
         status.axes_seen |= s->bus.drive[a].seen ? 1u << a : 0u;
     }
@@ -391,7 +391,8 @@ const cr_record *cr_servo_get_record(const cr_servo *s) { return &s->record; }
 const cr_output *cr_servo_get_output(const cr_servo *s) { return &s->output; }
 
 const char *cr_mode_text(uint32_t mode) {
-    static const char *const names[CR_MODE_COUNT] = {"init", "bus-up", "calibrating", "idle", "rendering", "limited", "fault"};
+    static const char *const names[CR_MODE_COUNT] = {"init",      "bus-up",  "calibrating", "idle",
+                                                     "rendering", "limited", "fault"};
     return mode < CR_MODE_COUNT ? names[mode] : "unknown";
 }
 
@@ -405,15 +406,15 @@ static const char *bit_text(uint32_t bit, const char *const *names, uint32_t cou
 }
 
 const char *cr_limit_text(uint32_t bit) {
-    static const char *const names[CR_LIMIT_COUNT] = {"force",     "rate",      "torque", "power", "speed",
-                                                      "passivity", "workspace", "stale"};
+    static const char *const names[CR_LIMIT_COUNT] = {"force", "rate",      "torque",    "power",
+                                                      "speed", "passivity", "workspace", "stale"};
     return bit_text(bit, names, CR_LIMIT_COUNT);
 }
 
 const char *cr_servo_fault_text(uint32_t bit) {
-    static const char *const names[CR_FAULT_COUNT] = {
-        "silent",     "heartbeat", "reset",   "drive",     "drive-state", "emcy",    "jump", "range",
-        "not-finite", "overrun",   "bad-state", "alien", "babble",      "bus-off", "sdo"};
+    static const char *const names[CR_FAULT_COUNT] = {"silent",    "heartbeat", "reset",  "drive",      "drive-state",
+                                                      "emcy",      "jump",      "range",  "not-finite", "overrun",
+                                                      "bad-state", "alien",     "babble", "bus-off",    "sdo"};
     return bit_text(bit, names, CR_FAULT_COUNT);
 }
 

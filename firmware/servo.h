@@ -37,10 +37,10 @@ typedef struct {
     cr_pose tip_from_tool; /* how the tool sits on the last wrist axis; the tip is where the wrist axes meet */
     float upper_m, fore_m; /* link lengths, 0.05..5 */
     float joint_min[CR_AXES], joint_max[CR_AXES];
-    float elbow_min_rad, elbow_max_rad; /* inside 0..pi: the arm is singular at both ends */
+    float elbow_min_rad, elbow_max_rad;       /* inside 0..pi: the arm is singular at both ends */
     float wrist_min_rad[3], wrist_max_rad[3]; /* yaw about Z, then pitch about Y, then roll about X */
-    float margin_min;   /* 0..1: singularity margin |sin elbow| below which force fades */
-    float range_slack;  /* joint units beyond joint_min/max that a sample may lie before it is a fault */
+    float margin_min;                         /* 0..1: singularity margin |sin elbow| below which force fades */
+    float range_slack; /* joint units beyond joint_min/max that a sample may lie before it is a fault */
 } cr_arm_config;
 
 typedef struct {
@@ -55,16 +55,16 @@ typedef struct {
 } cr_axis_config;
 
 typedef struct {
-    float contact_damping_Ns_m;  /* along the contact force; never makes it pull */
-    float free_damping_Ns_m;     /* always, in all directions */
-    float friction_share;        /* 0..1 of coulomb that is compensated; 1 would make the hand feel none */
-    float force_max_N;           /* on |force| at the tip */
-    float force_rate_max_N_s;    /* on its growth; release is free, so that a limit never holds the hand */
-    float power_max_W;           /* on what the device gives to the hand */
-    float speed_max_m_s;         /* above it, force that would speed up the tip fades to nothing at twice the speed */
+    float contact_damping_Ns_m; /* along the contact force; never makes it pull */
+    float free_damping_Ns_m;    /* always, in all directions */
+    float friction_share;       /* 0..1 of coulomb that is compensated; 1 would make the hand feel none */
+    float force_max_N;          /* on |force| at the tip */
+    float force_rate_max_N_s;   /* on its growth; release is free, so that a limit never holds the hand */
+    float power_max_W;          /* on what the device gives to the hand */
+    float speed_max_m_s;        /* above it, force that would speed up the tip fades to nothing at twice the speed */
     float passivity_damping_max_Ns_m; /* of the passivity controller; 0: observe only */
-    float ramp_s;                /* force grows from nothing to full after start */
-    uint32_t window;             /* periods the velocity estimate may look back, 2..CR_WINDOW_MAX */
+    float ramp_s;                     /* force grows from nothing to full after start */
+    uint32_t window;                  /* periods the velocity estimate may look back, 2..CR_WINDOW_MAX */
 } cr_control_config;
 #define CR_WINDOW_MAX 32
 
@@ -166,10 +166,10 @@ enum {
     CR_COMMAND_START = 1u,
     CR_COMMAND_STOP = 2u,
     CR_COMMAND_CLEAR = 4u,
-    CR_COMMAND_OFF = 64u,     /* zero torque, drives switched off in this tick, then from the start; not in fault */
-    CR_INPUT_BUS_OFF = 8u,    /* the controller left the bus */
+    CR_COMMAND_OFF = 64u,       /* zero torque, drives switched off in this tick, then from the start; not in fault */
+    CR_INPUT_BUS_OFF = 8u,      /* the controller left the bus */
     CR_INPUT_SEND_FAILED = 16u, /* a frame of the last call could not be sent */
-    CR_INPUT_NO_SYNC = 32u /* in records only: the tick came without its SYNC */
+    CR_INPUT_NO_SYNC = 32u      /* in records only: the tick came without its SYNC */
 };
 
 enum {
@@ -251,9 +251,9 @@ typedef struct {
     cr_pose world_from_tool;
     cr_vec3 velocity_world_m_s; /* of the tip */
     cr_vec3 contact_force_world_N, contact_torque_world_Nm;
-    cr_vec3 force_world_N;  /* commanded at the tip */
-    float torque[CR_AXES];  /* commanded joint torques, compensation included */
-    float energy_J;         /* given to the hand by the contact since it began; above 0: active */
+    cr_vec3 force_world_N; /* commanded at the tip */
+    float torque[CR_AXES]; /* commanded joint torques, compensation included */
+    float energy_J;        /* given to the hand by the contact since it began; above 0: active */
     float depth_m, margin;
     uint32_t area_count, zone_count;
     cr_servo_counters counters;
@@ -299,9 +299,9 @@ typedef struct cr_servo cr_servo;
 
 typedef struct {
     uint32_t mode, faults, limits;
-    uint32_t first_fault; /* the bits of the tick in which the servo went to fault */
-    uint32_t axes_seen;   /* bit a: drive a has spoken */
-    uint32_t sdo_abort;   /* CiA 301 abort code, 0xffffffff for no answer; valid with CR_FAULT_SDO */
+    uint32_t first_fault;  /* the bits of the tick in which the servo went to fault */
+    uint32_t axes_seen;    /* bit a: drive a has spoken */
+    uint32_t sdo_abort;    /* CiA 301 abort code, 0xffffffff for no answer; valid with CR_FAULT_SDO */
     uint32_t trouble_axis; /* drive of the last SDO, EMCY or drive fault; CR_AXES: none */
     uint16_t emcy_code;
     uint16_t ready; /* 1: every drive has answered this period's SYNC, the tick need not wait */

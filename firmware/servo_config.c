@@ -65,7 +65,8 @@ static const char *arm_error(const cr_arm_config *arm) {
         if (!in(arm->joint_min[a], -50.0f, 50.0f) || !in(arm->joint_max[a] - arm->joint_min[a], 1e-3f, 100.0f)) {
             return "joint_min, joint_max: min at least 0.001 below max, within -50..50 m or rad";
         }
-        if (!in(arm->wrist_min_rad[a], -10.0f, 10.0f) || !in(arm->wrist_max_rad[a] - arm->wrist_min_rad[a], 1e-3f, 20.0f)) {
+        if (!in(arm->wrist_min_rad[a], -10.0f, 10.0f) ||
+            !in(arm->wrist_max_rad[a] - arm->wrist_min_rad[a], 1e-3f, 20.0f)) {
             return "wrist_min_rad, wrist_max_rad: min at least 0.001 below max, within -10..10 rad";
         }
     }
@@ -119,8 +120,8 @@ static const char *bus_error(const cr_bus_config *b) {
     if (b->heartbeat_ms < 10u || b->heartbeat_ms > 1000u) {
         return "heartbeat_ms: 10..1000";
     }
-    if (b->host_timeout_ms <= b->heartbeat_ms || b->host_timeout_ms > 10000u || b->drive_timeout_ms <= b->heartbeat_ms ||
-        b->drive_timeout_ms > 10000u) {
+    if (b->host_timeout_ms <= b->heartbeat_ms || b->host_timeout_ms > 10000u ||
+        b->drive_timeout_ms <= b->heartbeat_ms || b->drive_timeout_ms > 10000u) {
         return "host_timeout_ms, drive_timeout_ms: above heartbeat_ms, up to 10000";
     }
     if (b->missing_max > 10u) {

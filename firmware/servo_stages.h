@@ -68,8 +68,8 @@ typedef struct {
 void cr_control_reset(cr_control *control);
 
 /* Purpose  speeds of the joints, from counts; to be called in every tick with a sample. */
-void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES], float period_s,
-                       float speed[CR_AXES]);
+void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
+                       float period_s, float speed[CR_AXES]);
 
 /* Purpose  one tick of rendering: damping, passivity, limits, compensation, joint torques.
  * Errors   none: out->limits.   Cost  about 0.2 us.   Source  DESIGN.md "Control". */
@@ -116,7 +116,7 @@ typedef struct {
     uint64_t heard_ns;    /* last heartbeat */
     uint16_t control_word;
     uint8_t nmt_state;
-    uint8_t seen;    /* 1: spoke since the last reset */
+    uint8_t seen; /* 1: spoke since the last reset */
     uint8_t has_state;
     uint8_t send_control; /* 1: control word is due */
 } cr_drive;
@@ -128,7 +128,7 @@ typedef struct {
     uint32_t has_start;
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;
     uint32_t reset_due, start_due;
-    uint32_t faults;      /* found by receive and check, taken by the caller */
+    uint32_t faults; /* found by receive and check, taken by the caller */
     uint32_t sdo_abort, trouble_axis;
     uint16_t emcy_code;
 } cr_bus;

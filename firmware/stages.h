@@ -55,6 +55,7 @@ void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float
 /* A cluster with coverage: what it adds to its contact area. Tool frame, so that whole clusters need no arithmetic. */
 typedef struct {
     uint32_t cluster;
+    uint16_t covered; /* lanes with any coverage */
     uint16_t inside; /* lanes with phi <= 0 */
     uint16_t near;   /* lanes whose piece of surface may be inside where the sample is not: 0 < phi < reach, and creases */
     uint16_t area;   /* set by zones: index of the contact area */

@@ -1,6 +1,7 @@
 /* zones: hits into contact areas, touches into contact zones.
  *
- * An area is a connected piece of tool surface in contact: neighbouring clusters that both reach into the object. A zone is what
+ * An area is a connected piece of tool surface in contact: neighbouring clusters that reach into the object with neighbouring
+ * samples. A zone is what
  * the area touches of one smooth patch of the static surface [1]. */
 #include "stages.h"
 
@@ -28,8 +29,10 @@ static void connect_hits(const cr_scene *s, uint16_t *hit_of_cluster, cr_contact
         set->hits[i].area = (uint16_t)i;
         hit_of_cluster[cluster] = (uint16_t)i;
         for (uint32_t k = s->adj_start[cluster]; k < s->adj_start[cluster + 1u]; k++) {
-            uint32_t other = hit_of_cluster[s->adj[k]];
-            if (other != CR_HIT_NONE) {
+            const struct cr_img_neighbour *beside = &s->adj[k];
+            uint32_t other = hit_of_cluster[beside->cluster];
+            if (other != CR_HIT_NONE && (set->hits[i].covered & beside->mine) != 0 &&
+                (set->hits[other].covered & beside->theirs) != 0) {
                 join(set->hits, i, other);
             }
         }

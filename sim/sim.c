@@ -144,7 +144,9 @@ static void fault_drives(cr_sim *sim, uint64_t now_us) {
         }
         const int off = cr_fault_find(&sim->faults, sim->tick, i, CR_SIM_FAULT_BUS_OFF) != NULL;
         if (off && (sim->bus_off >> i & 1u) == 0u) {
-            cr_drive_fault(&sim->drives[i], CR_EMCY_BUS_OFF);
+            cr_drive_fault(&sim->drives[i], CR_EMCY_BUS_OFF); /* its EMCY is lost with the bus */
+        } else if (!off && (sim->bus_off >> i & 1u) != 0u) {
+            cr_node_emcy(&sim->drives[i].node, CR_EMCY_BUS_OFF, 0x11u); /* "recovered from bus off" */
         }
         sim->bus_off = (sim->bus_off & ~(1u << i)) | (off ? 1u << i : 0u);
     }

@@ -1,4 +1,4 @@
-"""The closed loop: the servo of the firmware at one end of the bus, simulated drives, mechanism and operator at the other."""
+"""The closed loop: the servo of the firmware at one end of the bus, simulated drives and operator at the other."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MECHANISM = np.dtype(
 
 @dataclass(frozen=True)
 class LoopResult:
-    """recording: every tick from the servo's first. mechanism: structured array MECHANISM, one row a tick; empty over a real bus.
+    """recording: every tick from the servo's first. mechanism: array MECHANISM, one row a tick; empty over a real bus.
 
     path_start: index of the first tick of the path.
     """
@@ -57,7 +57,7 @@ class LoopResult:
 
 
 def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
-    """Joints that put the tool at every pose of a path: (n, 6), m and rad.   Errors: LoopError for a pose out of reach."""
+    """Joints that put the tool at every pose of a path: (n, 6), m and rad.   Errors: LoopError: out of reach."""
     joints, pose = ffi.new("cr_joints *"), ffi.new("cr_pose *")
     kinematics = ffi.new("cr_kinematics *")
     out = np.empty((len(path), 6), dtype=np.float32)
@@ -77,7 +77,7 @@ def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
 
 
 def hand_targets(path: Trajectory, config: Any) -> F64:
-    """What the operator's hand does along a path: tip in the base's frame, m, and wrist, rad; (n, 6), wrist unwrapped."""
+    """What the hand does along a path: tip in the base's frame, m, and unwrapped wrist, rad; (n, 6)."""
     joints = joints_along(path, config).astype(np.float64)
     upper, fore = float(config.arm.upper_m), float(config.arm.fore_m)
     u, f = joints[:, 1], joints[:, 2]
@@ -97,7 +97,9 @@ def resample(path: Trajectory, period_s: float = 1e-3) -> Trajectory:
 
     t_s = np.arange(path.t_s[0], path.t_s[-1] + 0.5 * period_s, period_s)
     quaternion = path.rows[:, 4:].copy()
-    flips = np.cumprod(np.r_[1.0, np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1.0, 1.0)])
+    flips = np.cumprod(
+        np.r_[1.0, np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1.0, 1.0)]
+    )
     columns = [path.rows[:, i] for i in (1, 2, 3)] + list((quaternion * flips[:, None]).T)
     rows = np.column_stack([t_s, *(np.interp(t_s, path.t_s, column) for column in columns)])
     rows[:, 4:] /= np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
@@ -105,7 +107,7 @@ def resample(path: Trajectory, period_s: float = 1e-3) -> Trajectory:
 
 
 def lead_in(targets: F64, start_m: F64) -> F64:
-    """Smooth way of the hand from where the device stands to the first row, then a rest: (LEAD_TICKS + SETTLE_TICKS, 6)."""
+    """Smooth way of the hand from where the device stands to the first row, then a rest: (n, 6)."""
     share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, LEAD_TICKS))
     first = np.r_[start_m, np.zeros(3)]
     way = first + share[:, None] * (targets[0] - first)
@@ -113,10 +115,14 @@ def lead_in(targets: F64, start_m: F64) -> F64:
 
 
 class InProcess:
-    """Servo and drives, frame by frame in one process, in lock-step: the same inputs give the same frames to the bit."""
+    """Servo and drives, frame by frame in lock-step: the same inputs give the same frames to the bit."""
 
     def __init__(
-        self, scene: Scene, config: Any | None = None, params: Params | None = None, faults: Sequence[Fault] = ()
+        self,
+        scene: Scene,
+        config: Any | None = None,
+        params: Params | None = None,
+        faults: Sequence[Fault] = (),
     ) -> None:
         """Errors: CreaseError for a configuration, parameters or faults that are refused."""
         self.servo = Servo(scene, config)
@@ -247,7 +253,12 @@ def write_targets(path: Path, targets: F64) -> None:
 
 
 def run_socketcan(
-    scene_path: Path, scene: Scene, path: Trajectory, channel: str, record: Path, stiffness_N_m: float
+    scene_path: Path,
+    scene: Scene,
+    path: Trajectory,
+    channel: str,
+    record: Path,
+    stiffness_N_m: float,
 ) -> LoopResult:
     """The same over a SocketCAN interface: `creased` and `crease sim` as two programs.
 
@@ -270,30 +281,58 @@ def run_socketcan(
         write_targets(operator, np.concatenate([lead, targets]))
         wrist = ", ".join(f"{angle:.6f}" for angle in np.degrees(targets[0, 3:]))
         device.write_text(
-            f'[bus]\ninterface = "{channel}"\n[wrist]\nfixed_deg = [{wrist}]\n[contact]\nstiffness_N_m = {stiffness_N_m!r}\n',
+            f'[bus]\ninterface = "{channel}"\n[wrist]\nfixed_deg = [{wrist}]\n'
+            f"[contact]\nstiffness_N_m = {stiffness_N_m!r}\n",
             encoding="ascii",
         )
         sim = subprocess.Popen(
-            [sys.executable, "-m", "crease", "sim", "-i", "socketcan", "-c", channel, "--operator", str(operator)],
+            [
+                sys.executable,
+                "-m",
+                "crease",
+                "sim",
+                "-i",
+                "socketcan",
+                "-c",
+                channel,
+                "--operator",
+                str(operator),
+            ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
         )
         try:
             command = [find_creased(), "--config", str(device), "--record", str(record), "--quiet"]
-            command += ["--start-after", f"{len(lead) * 1e-3}", "--seconds", f"{seconds + 1.2:.3f}", str(scene_path)]
-            said = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL)
+            command += [
+                "--start-after",
+                f"{len(lead) * 1e-3}",
+                "--seconds",
+                f"{seconds + 1.2:.3f}",
+                str(scene_path),
+            ]
+            said = subprocess.run(
+                command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+            )
         finally:
             sim.terminate()
             sim_said = sim.communicate()[1]
     if said.returncode not in (0, 4):
-        reason = (said.stderr.strip().splitlines() or ["creased failed"])[-1].removeprefix("error: ")
-        raise LoopError(f"{reason}" + (f"; {sim_said.strip().splitlines()[-1]}" if sim_said.strip() else ""))
+        reason = (said.stderr.strip().splitlines() or ["creased failed"])[-1].removeprefix(
+            "error: "
+        )
+        raise LoopError(
+            f"{reason}" + (f"; {sim_said.strip().splitlines()[-1]}" if sim_said.strip() else "")
+        )
     recording = load_recording(record)
-    rendering = np.flatnonzero(np.isin(recording.rows["mode"], (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED)))
+    rendering = np.flatnonzero(
+        np.isin(recording.rows["mode"], (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED))
+    )
     if len(rendering) == 0:
         faults = ", ".join(fault_names(int(recording.rows["faults"][-1]))) or "no drives on the bus"
-        raise LoopError(f"{channel}: rendering never started: {faults}; {sim_said.strip()}".rstrip("; "))
+        raise LoopError(
+            f"{channel}: rendering never started: {faults}; {sim_said.strip()}".rstrip("; ")
+        )
     return LoopResult(recording, np.empty(0, dtype=MECHANISM), int(rendering[0]))
 
 
@@ -332,5 +371,7 @@ def describe(result: LoopResult) -> dict[str, object]:
     if len(result.mechanism):
         along = result.mechanism[result.path_start :]
         report["buzz_m_s2"] = buzz_m_s2(along["tip_acc_m_s2"])
-        report["hand_force_max_N"] = float(np.linalg.norm(along["hand_force_N"], axis=1).max(initial=0.0))
+        report["hand_force_max_N"] = float(
+            np.linalg.norm(along["hand_force_N"], axis=1).max(initial=0.0)
+        )
     return report

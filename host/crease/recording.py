@@ -192,9 +192,7 @@ class Servo:
         self.config = config or ffi.new("cr_servo_config *", lib.cr_servo_config_default())
         wrong = lib.cr_servo_config_error(self.config)
         if wrong != ffi.NULL:
-            raise RecordingError(
-                f"configuration of the servo: {ffi.string(wrong).decode('ascii')}"
-            )
+            raise RecordingError(f"configuration of the servo: {ffi.string(wrong).decode('ascii')}")
         size = int(lib.cr_servo_size(scene.handle, self.config))
         self._memory = np.zeros(size + _ALIGN, dtype=np.uint8)
         start = -self._memory.ctypes.data % _ALIGN
@@ -209,7 +207,7 @@ class Servo:
 def rerun(recording: Recording, scene: Scene) -> Rerun:
     """Feed the inputs of a recording to a fresh servo and compare every output to the bit.
 
-    Errors: RecordingError when the recording was made with another scene, or does not start with the servo's first tick.
+    Errors: RecordingError when the scene is another, or the recording does not start with the servo's first tick.
     Cost: about 5 us a tick in contact.
     """
     if recording.scene_crc32 != scene_crc32(scene):
@@ -274,10 +272,10 @@ def to_columns(rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
         ("tau_x_N", "tau_y_Nm", "tau_z_Nm"): "torque",
         ("target_x", "target_y", "target_z"): "target",
     }
-    for names, field in vectors.items():
-        columns.update(zip(names, rows[field].T, strict=True))
-    for field in ("energy_J", "depth_m", "margin", "areas", "zones", "mode", "limits", "faults"):
-        columns[field] = rows[field]
+    for names, name in vectors.items():
+        columns.update(zip(names, rows[name].T, strict=True))
+    for name in ("energy_J", "depth_m", "margin", "areas", "zones", "mode", "limits", "faults"):
+        columns[name] = rows[name]
     columns["wake_late_ns"] = rows["wake_late_ns"]
     columns["tick_ns"] = rows["tick_ns"]
     return columns

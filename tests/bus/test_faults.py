@@ -162,6 +162,12 @@ def test_bus_off_silences_the_drive_and_it_faults_by_itself() -> None:
     assert [0x191 in ids(tick) for tick in heard[:6]] == [True, True, False, False, False, True]
     assert drives.drive(0).state == "fault"
     assert drives.drive(0).error_code == 0x8140
+    said = [
+        tick
+        for tick, frames in enumerate(heard)
+        if (0x691, b"\x40\x81\x11\x00\x00\x00\x00\x00") in frames
+    ]
+    assert said == [12], "it says so when it is back, and 10 ms after what the bus did not carry"
     assert drives.drive(0).torque_permille == 0
 
 

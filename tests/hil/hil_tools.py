@@ -85,9 +85,18 @@ def closed_loop(scene: Path, *options: str) -> Iterator[Loop]:
         sim = stack.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE, text=True))
         stack.callback(_end, sim)
         wait_for(bus, 0x713)
-        command = [CREASED, "--config", DEVICE, "--interface", CHANNEL, "--start", *options, scene]
+        words = [
+            str(CREASED),
+            "--config",
+            str(DEVICE),
+            "--interface",
+            CHANNEL,
+            "--start",
+            *options,
+            str(scene),
+        ]
         creased = stack.enter_context(
-            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         )
         stack.callback(_end, creased)
         yield Loop(sim, creased, bus)

@@ -1,4 +1,4 @@
-"""Two runs of the closed loop on vcan0 in virtual time: every frame must be the same, with its stamp, and no tick missed.
+"""Two runs of the closed loop on vcan0 in virtual time: the same frames with the same stamps, and no tick missed.
 
     python tests/hil/repeat.py [--seconds S] [--keep DIR]
 
@@ -35,7 +35,9 @@ def record(scene: Path, seconds: float, log: Path) -> int:
     first_s = of(heard, 0x193)[0][0]
     asked = sum(first_s - 5e-4 <= time_s <= last_s for time_s, _ in of(heard, 0x080))
     missing = sum(abs(len(of(heard, cob)) - asked) for cob in STATES)
-    print(f"{len(heard):,} frames, {late} ticks late or missed, {missing} of {3 * asked:,} answers missing")
+    print(
+        f"{len(heard):,} frames, {late} ticks late or missed, {missing} of {3 * asked:,} answers missing"
+    )
     if loop.creased.returncode != 0:
         print(text, file=sys.stderr)
     return late + missing + (loop.creased.returncode != 0)
@@ -50,7 +52,9 @@ def once(scene: Path, seconds: float, log: Path) -> tuple[int, str]:
     environment = os.environ | {"PYTHONHASHSEED": "0"}
     done = subprocess.run(command, check=False, text=True, capture_output=True, env=environment)
     digest = sha256(log.read_bytes()).hexdigest() if log.exists() else "no log"
-    print(f"{time.monotonic() - start_s:.1f} s: {done.stdout.strip()}; log {digest[:16]}", flush=True)
+    print(
+        f"{time.monotonic() - start_s:.1f} s: {done.stdout.strip()}; log {digest[:16]}", flush=True
+    )
     if done.returncode != 0:
         print(f"status {done.returncode}\n{done.stderr}", file=sys.stderr)
     return done.returncode, digest

@@ -28,7 +28,9 @@ def test_firmware_brings_the_drives_up_and_runs_without_a_missed_tick(scene: Pat
     assert report["frames_lost"] == 0
     syncs = of(heard, 0x080)
     assert len(syncs) >= 2900
-    assert late_syncs(heard) <= (0 if VIRTUAL_TIME else 30), "in real time a shared machine may lose one in a hundred"
+    assert late_syncs(heard) <= (0 if VIRTUAL_TIME else 30), (
+        "in real time a shared machine may lose one in a hundred"
+    )
     for node in NODES:
         states = of(heard, 0x180 + node)
         assert sum(enabled(data) for _, data in states) > 1500

@@ -29,7 +29,9 @@ def test_recording_of_creased_runs_again_to_the_bit(scene: Path, tmp_path: Path)
     assert rendering.sum() > 500
 
 
-def test_sigterm_stops_creased_with_zero_torque_and_status_zero(scene: Path, tmp_path: Path) -> None:
+def test_sigterm_stops_creased_with_zero_torque_and_status_zero(
+    scene: Path, tmp_path: Path
+) -> None:
     record = tmp_path / "stopped.crr"
     with closed_loop(scene, "--record", str(record)) as loop:
         loop.listen(2.0)
@@ -44,7 +46,15 @@ def test_sigterm_stops_creased_with_zero_torque_and_status_zero(scene: Path, tmp
 def test_second_host_is_refused(scene: Path) -> None:
     with closed_loop(scene) as loop:
         wait_for(loop.bus, 0x181)
-        command = [CREASED, "--config", DEVICE, "--interface", CHANNEL, "--exit-on-fault", scene]
+        command = [
+            str(CREASED),
+            "--config",
+            str(DEVICE),
+            "--interface",
+            CHANNEL,
+            "--exit-on-fault",
+            str(scene),
+        ]
         second = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
         assert second.returncode == 4
         assert "alien" in second.stdout
@@ -54,10 +64,28 @@ def test_hil_over_the_bus_records_and_runs_again(scene: Path, tmp_path: Path) ->
     path, record = tmp_path / "path.csv", tmp_path / "hil.crr"
     z = np.r_[np.linspace(0.014, 0.008, 400), np.full(300, 0.008)]
     rows = np.column_stack([np.arange(700) * 1e-3, 0 * z, 0 * z, z, 1 + 0 * z, 0 * z, 0 * z, 0 * z])
-    np.savetxt(path, rows, delimiter=",", header="t_s,x_m,y_m,z_m,qw,qx,qy,qz", comments="", fmt="%.9g")
-    words = [sys.executable, "-m", "crease", "hil", scene, "--operator", path, "-i", "socketcan", "-c", CHANNEL]
+    np.savetxt(
+        path, rows, delimiter=",", header="t_s,x_m,y_m,z_m,qw,qx,qy,qz", comments="", fmt="%.9g"
+    )
+    words = [
+        sys.executable,
+        "-m",
+        "crease",
+        "hil",
+        str(scene),
+        "--operator",
+        str(path),
+        "-i",
+        "socketcan",
+        "-c",
+        CHANNEL,
+    ]
     said = subprocess.run(
-        [*words, "-o", record, "--json"], capture_output=True, text=True, check=False, timeout=120
+        [*words, "-o", str(record), "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     assert said.returncode == 0, said.stderr
     report = json.loads(said.stdout)

@@ -27,7 +27,9 @@ def slow_press_csv(folder: Path) -> Path:
 def run_crr(folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run) -> Path:
     """Recording of the press."""
     path = folder / "run.crr"
-    said = crease("hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--table", folder / "run.csv")
+    said = crease(
+        "hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--table", folder / "run.csv"
+    )
     assert said.status == 0, said.err
     return path
 
@@ -40,7 +42,15 @@ def test_hil_renders_the_contact_without_a_fault(
     folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
 ) -> None:
     said = crease(
-        "hil", scene_crs, "--operator", slow_press_csv, "-o", folder / "json.crr", "--log", folder / "run.log", "--json"
+        "hil",
+        scene_crs,
+        "--operator",
+        slow_press_csv,
+        "-o",
+        folder / "json.crr",
+        "--log",
+        folder / "run.log",
+        "--json",
     )
     assert said.status == 0, said.err
     assert said.json["faults"] == []
@@ -50,7 +60,11 @@ def test_hil_renders_the_contact_without_a_fault(
     assert said.json["missing"] == said.json["overruns"] == 0
     log = (folder / "run.log").read_text(encoding="ascii").splitlines()
     assert sum(" 080#" in line for line in log) >= said.json["ticks"] - 60
-    table = np.genfromtxt(folder / "run.csv", delimiter=",", names=True) if (folder / "run.csv").exists() else None
+    table = (
+        np.genfromtxt(folder / "run.csv", delimiter=",", names=True)
+        if (folder / "run.csv").exists()
+        else None
+    )
     assert table is None or np.isfinite(table["fx_N"]).all()
 
 
@@ -90,7 +104,10 @@ def test_replay_refuses_a_recording_of_another_scene(
     folder: Path, run_crr: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
     other = folder / "other.crs"
-    assert crease("bake", block_stl, ball_stl, "-o", other, "--unit", "mm", "--spacing", "2mm").status == 0
+    assert (
+        crease("bake", block_stl, ball_stl, "-o", other, "--unit", "mm", "--spacing", "2mm").status
+        == 0
+    )
     said = crease("replay", other, run_crr, "-o", folder / "other.csv")
     assert said.status == 1
     assert "another scene" in said.err
@@ -129,7 +146,9 @@ def test_fault_of_a_simulated_drive_zeroes_the_torque_and_is_in_the_recording(
     folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run, fault: str, name: str
 ) -> None:
     path = folder / f"fault_{name}.crr"
-    said = crease("hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--fault", fault, "--json")
+    said = crease(
+        "hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--fault", fault, "--json"
+    )
     assert said.status == 0, said.err
     assert name in said.json["faults"]
     recording = rec.load_recording(path)
@@ -166,13 +185,19 @@ def test_firmware_and_simulator_assume_the_same_device() -> None:
     links = (1.0, config.arm.upper_m, config.arm.fore_m)
     assert list(params.link_m) == pytest.approx([config.arm.upper_m, config.arm.fore_m])
     for axis in range(3):
-        assert params.axes[axis].step_m / links[axis] == pytest.approx(config.axis[axis].step, rel=1e-5)
-        assert params.axes[axis].coulomb_N * links[axis] == pytest.approx(config.axis[axis].coulomb, rel=1e-5)
+        assert params.axes[axis].step_m / links[axis] == pytest.approx(
+            config.axis[axis].step, rel=1e-5
+        )
+        assert params.axes[axis].coulomb_N * links[axis] == pytest.approx(
+            config.axis[axis].coulomb, rel=1e-5
+        )
     assert params.gravity_N * config.arm.upper_m == pytest.approx(config.axis[1].gravity, rel=1e-5)
     assert params.wrist_step_rad == pytest.approx(config.wrist_step_rad, rel=1e-5)
 
 
-def test_path_out_of_reach_is_refused_with_its_row(folder: Path, scene_crs: Path, crease: Run) -> None:
+def test_path_out_of_reach_is_refused_with_its_row(
+    folder: Path, scene_crs: Path, crease: Run
+) -> None:
     path = write_path(folder / "far.csv", np.array([[0.0, 0.0, 0.014], [0.0, 0.9, 0.014]]))
     said = crease("hil", scene_crs, "--operator", path, "-o", folder / "far.crr")
     assert said.status == 1
@@ -196,7 +221,9 @@ def test_buzz_is_the_rms_of_its_band() -> None:
     t_s = np.arange(2000) * 1e-3
     inside, outside = np.sin(2 * np.pi * 60 * t_s), np.sin(2 * np.pi * 5 * t_s)
     zero = np.zeros_like(t_s)
-    assert buzz_m_s2(np.column_stack([inside, outside, zero])) == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    assert buzz_m_s2(np.column_stack([inside, outside, zero])) == pytest.approx(
+        np.sqrt(0.5), rel=1e-6
+    )
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ def spec_records() -> Records:
 
 RECORDS = spec_records()
 HERE = ("cr_img_header", "cr_img_section", "cr_img_meta", "cr_img_brick", "cr_img_kind")
-THERE = ("facet", "pair", "edge", "cluster", "sum", "group")
+THERE = ("facet", "pair", "edge", "cluster", "sum", "group", "neighbour")
 
 
 def test_spec_has_a_table_for_every_record() -> None:

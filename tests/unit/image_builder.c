@@ -552,17 +552,20 @@ static void fill_tree(const crt_tool *t, parts *p, struct cr_img_meta *m) {
     ball_of(t, 0u, t->cluster_count, m->root_centre_m, &m->root_radius_m, &m->ramp_max_m, &m->tool_radius_m);
 }
 
-static int clusters_touch(const crt_tool *t, uint32_t a, uint32_t b) {
+/* Lanes by which two clusters are neighbours. */
+static struct cr_img_neighbour lanes_that_touch(const crt_tool *t, uint32_t a, uint32_t b) {
     double limit = 1.6 * t->spacing_m;
+    struct cr_img_neighbour beside = {b, 0u, 0u};
     for (uint32_t i = t->start[a]; i < t->start[a + 1u]; i++) {
         for (uint32_t j = t->start[b]; j < t->start[b + 1u]; j++) {
             const double *p = t->samples[i].pos_m, *q = t->samples[j].pos_m;
             if (pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2) < limit * limit) {
-                return 1;
+                beside.mine = (uint16_t)(beside.mine | 1u << (i - t->start[a]));
+                beside.theirs = (uint16_t)(beside.theirs | 1u << (j - t->start[b]));
             }
         }
     }
-    return 0;
+    return beside;
 }
 
 static int spheres_far(const crt_tool *t, const struct cr_img_cluster *c, uint32_t a, uint32_t b) {
@@ -574,12 +577,17 @@ static int spheres_far(const crt_tool *t, const struct cr_img_cluster *c, uint32
 static void fill_neighbours(const crt_tool *t, parts *p) {
     const struct cr_img_cluster *clusters = (const struct cr_img_cluster *)(const void *)p->bytes[CR_SEC_CLUSTERS];
     uint32_t *start = add_part(p, CR_SEC_ADJ_START, t->cluster_count + 1u, sizeof *start);
-    uint32_t *adj = add_part(p, CR_SEC_ADJ, t->cluster_count * 64u, sizeof *adj), count = 0u;
+    struct cr_img_neighbour *adj = add_part(p, CR_SEC_ADJ, t->cluster_count * 64u, sizeof *adj);
+    uint32_t count = 0u;
     for (uint32_t a = 0; a < t->cluster_count; a++) {
         for (uint32_t b = 0; b < t->cluster_count; b++) {
-            if (a != b && !spheres_far(t, clusters, a, b) && clusters_touch(t, a, b)) {
+            if (a == b || spheres_far(t, clusters, a, b)) {
+                continue;
+            }
+            struct cr_img_neighbour beside = lanes_that_touch(t, a, b);
+            if (beside.mine != 0u) {
                 assert_true(count < t->cluster_count * 64u);
-                adj[count++] = b;
+                adj[count++] = beside;
             }
         }
         start[a + 1u] = count;

@@ -72,7 +72,7 @@ static void boot_all(rig *r) {
     }
     RECEIVE(r, 0x711, 0x00);
     RECEIVE(r, 0x712, 0x00);
-    RECEIVE(r, 0x713, 0x7f);
+    RECEIVE(r, 0x713, 0x00);
 }
 
 static void send_states(rig *r, uint16_t status) {
@@ -148,10 +148,11 @@ static void per_mille_rounds_and_saturates(void **state) {
         float torque, rated, limit;
         int want;
     } table[] = {
-        {10.0f, 10.0f, 20.0f, 1000},   {-3.6f, 3.6f, 9.0f, -1000},  {0.00501f, 10.0f, 20.0f, 1}, {0.0049f, 10.0f, 20.0f, 0},
-        {-0.00501f, 10.0f, 20.0f, -1}, {25.0f, 10.0f, 20.0f, 2000}, {-1e30f, 10.0f, 20.0f, -2000}, {1e30f, 1e-3f, 1e30f, 32767},
-        {-1e30f, 1e-3f, 1e30f, -32767}, {NAN, 10.0f, 20.0f, 0},      {INFINITY, 10.0f, 20.0f, 0}, {1.0f, 0.0f, 20.0f, 0},
-        {1.0f, NAN, 20.0f, 0},         {1.0f, 10.0f, NAN, 0},       {7.0f, 7.0f, 6.9999f, 999},
+        {10.0f, 10.0f, 20.0f, 1000},   {-3.6f, 3.6f, 9.0f, -1000},    {0.00501f, 10.0f, 20.0f, 1},
+        {0.0049f, 10.0f, 20.0f, 0},    {-0.00501f, 10.0f, 20.0f, -1}, {25.0f, 10.0f, 20.0f, 2000},
+        {-1e30f, 10.0f, 20.0f, -2000}, {1e30f, 1e-3f, 1e30f, 32767},  {-1e30f, 1e-3f, 1e30f, -32767},
+        {NAN, 10.0f, 20.0f, 0},        {INFINITY, 10.0f, 20.0f, 0},   {1.0f, 0.0f, 20.0f, 0},
+        {1.0f, NAN, 20.0f, 0},         {1.0f, 10.0f, NAN, 0},         {7.0f, 7.0f, 6.9999f, 999},
     };
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         assert_int_equal(cr_per_mille(table[i].torque, table[i].rated, table[i].limit), table[i].want);
@@ -190,6 +191,25 @@ static void reset_is_repeated_while_a_drive_is_missing(void **state) {
     assert_int_equal(resets, 3);
     assert_int_equal(r.bus.phase, CR_PHASE_RESET);
     assert_int_equal(r.faults, 0);
+}
+
+static void heartbeat_of_before_the_reset_does_not_count(void **state) {
+    (void)state;
+    rig r = make_rig();
+    while (r.bus.phase != CR_PHASE_RESET) {
+        period(&r);
+    }
+    for (uint16_t id = 0x711; id <= 0x713; id++) {
+        RECEIVE(&r, id, 0x7f); /* was on its way when the reset went out */
+    }
+    period(&r);
+    assert_int_equal(r.bus.phase, CR_PHASE_RESET);
+    r.now_ns += 30u * MS;
+    for (uint16_t id = 0x711; id <= 0x713; id++) {
+        RECEIVE(&r, id, 0x7f); /* the boot-up message was lost, this is after it */
+    }
+    period(&r);
+    assert_int_equal(r.bus.phase, CR_PHASE_SET_UP);
 }
 
 static void set_up_writes_what_the_frame_table_says(void **state) {
@@ -427,10 +447,10 @@ static void one_frame_can_fault_the_running_bus(void **state) {
         cr_frame frame;
         uint32_t fault;
     } table[] = {
-        {{0x691, 8u, 0u, {0x10, 0x23, 0x03, 0, 0, 0, 0, 0}}, CR_FAULT_EMCY},   /* overcurrent */
-        {{0x693, 8u, 0u, {0x05, 0x73, 0x81, 0, 0, 0, 0, 0}}, CR_FAULT_EMCY},   /* encoder */
-        {{0x092, 8u, 0u, {0x30, 0x81, 0x11, 0, 0, 0, 0, 0}}, CR_FAULT_EMCY},   /* under the default identifier */
-        {{0x692, 8u, 0u, {0x00, 0x00, 0x00, 0, 0, 0, 0, 0}}, 0u},              /* error reset */
+        {{0x691, 8u, 0u, {0x10, 0x23, 0x03, 0, 0, 0, 0, 0}}, CR_FAULT_EMCY}, /* overcurrent */
+        {{0x693, 8u, 0u, {0x05, 0x73, 0x81, 0, 0, 0, 0, 0}}, CR_FAULT_EMCY}, /* encoder */
+        {{0x092, 8u, 0u, {0x30, 0x81, 0x11, 0, 0, 0, 0, 0}}, CR_FAULT_EMCY}, /* under the default identifier */
+        {{0x692, 8u, 0u, {0x00, 0x00, 0x00, 0, 0, 0, 0, 0}}, 0u},            /* error reset */
         {{0x711, 1u, 0u, {0x00}}, CR_FAULT_RESET},
         {{0x712, 1u, 0u, {0x7f}}, CR_FAULT_RESET},
         {{0x713, 1u, 0u, {0x04}}, CR_FAULT_RESET},
@@ -512,8 +532,8 @@ static void off_sends_zero_control_words_once(void **state) {
 /* Any bytes under any identifier: nothing but counters, faults and states changes, and no frame is malformed on the way out. */
 static void noise_never_breaks_the_manager(void **state) {
     (void)state;
-    static const uint16_t ids[] = {0x000, 0x080, 0x181, 0x191, 0x192, 0x193, 0x211, 0x591, 0x592, 0x593,
-                                   0x611, 0x691, 0x092, 0x701, 0x711, 0x712, 0x713, 0x7ff};
+    static const uint16_t ids[] = {0x000, 0x080, 0x181, 0x191, 0x192, 0x193, 0x211, 0x591, 0x592,
+                                   0x593, 0x611, 0x691, 0x092, 0x701, 0x711, 0x712, 0x713, 0x7ff};
     uint32_t seed = 7u;
     rig r = make_rig();
     boot_all(&r);
@@ -546,6 +566,7 @@ int main(void) {
         cmocka_unit_test(per_mille_rounds_and_saturates),
         cmocka_unit_test(host_listens_before_it_speaks),
         cmocka_unit_test(reset_is_repeated_while_a_drive_is_missing),
+        cmocka_unit_test(heartbeat_of_before_the_reset_does_not_count),
         cmocka_unit_test(set_up_writes_what_the_frame_table_says),
         cmocka_unit_test(sdo_goes_out_at_most_every_10_ms_and_after_the_torque),
         cmocka_unit_test(sdo_abort_is_a_fault_that_keeps_the_code),

@@ -48,7 +48,7 @@ static int same_sets(const detector *a, const detector *b) {
     }
     for (uint32_t i = 0; i < s->hit_count; i++) {
         const cr_hit *p = &s->hits[i], *q = &t->hits[i];
-        if (p->cluster != q->cluster || p->inside != q->inside || p->near != q->near || p->whole != q->whole ||
+        if (p->cluster != q->cluster || p->covered != q->covered || p->inside != q->inside || p->near != q->near || p->whole != q->whole ||
             memcmp(&p->sum, &q->sum, sizeof p->sum) != 0) {
             return 0;
         }

@@ -31,7 +31,8 @@ static void example_is_the_default(void **state) {
         assert_true(a[i] == b[i] || fabsf(x - y) <= 2e-6f * fabsf(y));
     }
     assert_string_equal(read.interface, wanted.interface);
-    assert_true(read.bitrate == wanted.bitrate && read.deadline_us == wanted.deadline_us && read.priority == wanted.priority);
+    assert_true(read.bitrate == wanted.bitrate && read.deadline_us == wanted.deadline_us &&
+                read.priority == wanted.priority);
 }
 
 static void values_arrive_in_their_units(void **state) {
@@ -139,7 +140,7 @@ static void missing_interface_is_told(void **state) {
 
 /* RTM_NEWLINK of a can interface, by hand: header 16, ifinfomsg 16, then nested attributes. */
 static size_t make_link_message(uint8_t *m, uint32_t bitrate) {
-    static const uint8_t head[] = {36, 0, 18, 0};         /* IFLA_LINKINFO */
+    static const uint8_t head[] = {36, 0, 18, 0};                 /* IFLA_LINKINFO */
     static const uint8_t kind[] = {8, 0, 1, 0, 'c', 'a', 'n', 0}; /* IFLA_INFO_KIND */
     size_t at = 32;
     memset(m, 0, 256);

@@ -71,8 +71,7 @@ static reference refer(const cr_arm_config *arm, const double joint[3], const do
                             (double)arm->tip_from_tool.pos_m.z};
     const double at[3] = {(double)arm->world_from_base.pos_m.x, (double)arm->world_from_base.pos_m.y,
                           (double)arm->world_from_base.pos_m.z};
-    const matrix hand =
-        product(base, product(turn(2, wrist[0]), product(turn(1, wrist[1]), turn(0, wrist[2]))));
+    const matrix hand = product(base, product(turn(2, wrist[0]), product(turn(1, wrist[1]), turn(0, wrist[2]))));
     double offset[3];
     apply(base, local, ref.tip);
     apply(hand, grip, offset);
@@ -233,7 +232,8 @@ static void reference_posture_has_the_tip_at_the_origin(void **state) {
     const cr_joints joints = {{0.0f, (float)(PI / 4.0), (float)(-PI / 4.0)}, {0}};
     cr_kinematics kin;
     cr_kinematics_solve(&arm, &joints, &kin);
-    assert_true(fabs((double)kin.tip_world_m.x) + fabs((double)kin.tip_world_m.y) + fabs((double)kin.tip_world_m.z) < 1e-6);
+    assert_true(fabs((double)kin.tip_world_m.x) + fabs((double)kin.tip_world_m.y) + fabs((double)kin.tip_world_m.z) <
+                1e-6);
     assert_true(kin.margin > 0.9999f && kin.range == 0u);
 }
 

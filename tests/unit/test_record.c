@@ -121,8 +121,12 @@ static void head_refuses_what_it_did_not_write(void **state) {
     const struct {
         size_t at;
         cr_err err;
-    } table[] = {{0u, CR_ERR_MAGIC},    {7u, CR_ERR_MAGIC},   {8u, CR_ERR_VERSION},
-                 {12u, CR_ERR_SIZE},    {16u, CR_ERR_SIZE},   {20u, CR_ERR_SIZE},
+    } table[] = {{0u, CR_ERR_MAGIC},
+                 {7u, CR_ERR_MAGIC},
+                 {8u, CR_ERR_VERSION},
+                 {12u, CR_ERR_SIZE},
+                 {16u, CR_ERR_SIZE},
+                 {20u, CR_ERR_SIZE},
                  {sizeof(cr_record_head) + offsetof(cr_servo_config, bus) + 3u, CR_ERR_CONFIG}};
     cr_record_head_write(&config, NULL, 0u, good);
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {

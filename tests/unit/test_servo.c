@@ -119,10 +119,11 @@ static void hear(loop *l, uint32_t axis, const cr_frame *f) {
         if (d->state == FAULTED) {
             d->state = rising ? DISABLED : FAULTED;
         } else {
-            d->state = word == 0x06 ? READY : word == 0x07 && d->state >= READY ? ON
-                     : word == 0x0f && d->state >= ON                            ? ENABLED
-                     : word == 0x00                                              ? DISABLED
-                                                                                 : d->state;
+            d->state = word == 0x06                        ? READY
+                       : word == 0x07 && d->state >= READY ? ON
+                       : word == 0x0f && d->state >= ON    ? ENABLED
+                       : word == 0x00                      ? DISABLED
+                                                           : d->state;
         }
     } else if (f->id == 0x181 && d->nmt == 0x05) {
         d->target = (int16_t)(f->data[2u * axis] | f->data[2u * axis + 1u] << 8);
@@ -326,18 +327,36 @@ static void missing_state_is_bridged_with_half_the_torque(void **state) {
 /* -------------------------------------------------------------------------------------------------------- faults */
 
 typedef enum {
-    DO_SILENT, DO_HEARTBEAT, DO_RESET, DO_DRIVE_FAULT, DO_DRIVE_OFF, DO_EMCY, DO_JUMP, DO_WRIST_JUMP, DO_RANGE, DO_NOT_FINITE,
-    DO_OVERRUN, DO_NO_SYNC, DO_BACKWARDS, DO_PERIOD, DO_ALIEN, DO_TWICE, DO_BABBLE, DO_BUS_OFF, DO_SEND_FAILED, DO_COUNT
+    DO_SILENT,
+    DO_HEARTBEAT,
+    DO_RESET,
+    DO_DRIVE_FAULT,
+    DO_DRIVE_OFF,
+    DO_EMCY,
+    DO_JUMP,
+    DO_WRIST_JUMP,
+    DO_RANGE,
+    DO_NOT_FINITE,
+    DO_OVERRUN,
+    DO_NO_SYNC,
+    DO_BACKWARDS,
+    DO_PERIOD,
+    DO_ALIEN,
+    DO_TWICE,
+    DO_BABBLE,
+    DO_BUS_OFF,
+    DO_SEND_FAILED,
+    DO_COUNT
 } deed;
 
 /* `ticks`: periods until the fault, 1 is the very tick. */
 static const struct {
     uint32_t fault, ticks;
 } outcomes[DO_COUNT] = {
-    {CR_FAULT_SILENT, 3u},      {CR_FAULT_HEARTBEAT, 252u}, {CR_FAULT_RESET, 1u},       {CR_FAULT_DRIVE, 1u},
-    {CR_FAULT_DRIVE_STATE, 1u}, {CR_FAULT_EMCY, 1u},        {CR_FAULT_JUMP, 1u},        {CR_FAULT_JUMP, 1u},
-    {CR_FAULT_RANGE, 400u},     {CR_FAULT_NOT_FINITE, 1u},  {CR_FAULT_OVERRUN, 1u},     {CR_FAULT_BAD_STATE, 1u},
-    {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_ALIEN, 1u},       {CR_FAULT_ALIEN, 3u},
+    {CR_FAULT_SILENT, 3u},      {CR_FAULT_HEARTBEAT, 252u}, {CR_FAULT_RESET, 1u},   {CR_FAULT_DRIVE, 1u},
+    {CR_FAULT_DRIVE_STATE, 1u}, {CR_FAULT_EMCY, 1u},        {CR_FAULT_JUMP, 1u},    {CR_FAULT_JUMP, 1u},
+    {CR_FAULT_RANGE, 400u},     {CR_FAULT_NOT_FINITE, 1u},  {CR_FAULT_OVERRUN, 1u}, {CR_FAULT_BAD_STATE, 1u},
+    {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_ALIEN, 1u},   {CR_FAULT_ALIEN, 3u},
     {CR_FAULT_BABBLE, 1u},      {CR_FAULT_BUS_OFF, 1u},     {CR_FAULT_BUS_OFF, 1u},
 };
 
@@ -349,21 +368,51 @@ static void commit(loop *l, deed what, uint32_t axis, int again) {
     drive *d = &l->drives[axis];
     const int32_t turned[3] = {0, 500, 0};
     switch (what) {
-    case DO_SILENT: d->mute = 1; break;
-    case DO_HEARTBEAT: d->mute_heartbeat = 1; break;
-    case DO_RESET: add_extra(l, (uint16_t)(0x711u + axis), 1u, 0x00, 0); break;
-    case DO_DRIVE_FAULT: d->state = FAULTED; break;
-    case DO_DRIVE_OFF: d->state = ON; break;
-    case DO_EMCY: add_extra(l, (uint16_t)(0x691u + axis), 8u, 0x10, 0x23); break;
-    case DO_JUMP: d->slide += again ? 0 : 100; break;
-    case DO_WRIST_JUMP: cr_servo_wrist(l->servo, turned); break;
-    case DO_RANGE: d->slide += 40; break;
-    case DO_NOT_FINITE: l->servo->control.energy_J = NAN; break;
-    case DO_OVERRUN: l->skip_ns = 3u * MS; break;
-    case DO_NO_SYNC: l->no_sync = 1; break;
-    case DO_BACKWARDS: l->now_ns -= 5u * MS; break;
-    case DO_PERIOD: l->period_s = NAN; break;
-    case DO_ALIEN: add_extra(l, 0x181, 6u, 0x10, 0); break;
+    case DO_SILENT:
+        d->mute = 1;
+        break;
+    case DO_HEARTBEAT:
+        d->mute_heartbeat = 1;
+        break;
+    case DO_RESET:
+        add_extra(l, (uint16_t)(0x711u + axis), 1u, 0x00, 0);
+        break;
+    case DO_DRIVE_FAULT:
+        d->state = FAULTED;
+        break;
+    case DO_DRIVE_OFF:
+        d->state = ON;
+        break;
+    case DO_EMCY:
+        add_extra(l, (uint16_t)(0x691u + axis), 8u, 0x10, 0x23);
+        break;
+    case DO_JUMP:
+        d->slide += again ? 0 : 100;
+        break;
+    case DO_WRIST_JUMP:
+        cr_servo_wrist(l->servo, turned);
+        break;
+    case DO_RANGE:
+        d->slide += 40;
+        break;
+    case DO_NOT_FINITE:
+        l->servo->control.energy_J = NAN;
+        break;
+    case DO_OVERRUN:
+        l->skip_ns = 3u * MS;
+        break;
+    case DO_NO_SYNC:
+        l->no_sync = 1;
+        break;
+    case DO_BACKWARDS:
+        l->now_ns -= 5u * MS;
+        break;
+    case DO_PERIOD:
+        l->period_s = NAN;
+        break;
+    case DO_ALIEN:
+        add_extra(l, 0x181, 6u, 0x10, 0);
+        break;
     case DO_TWICE: /* the drive's own state a second time */
         add_extra(l, (uint16_t)(0x191u + axis), 8u, 0, 0);
         memcpy(l->extra[0].data, cr_servo_get_record(l->servo)->frames[axis].data, 8);
@@ -373,9 +422,14 @@ static void commit(loop *l, deed what, uint32_t axis, int again) {
             add_extra(l, (uint16_t)(0x691u + axis), 8u, 0, 0);
         }
         break;
-    case DO_BUS_OFF: cr_servo_input(l->servo, CR_INPUT_BUS_OFF); break;
-    case DO_SEND_FAILED: cr_servo_input(l->servo, CR_INPUT_SEND_FAILED); break;
-    default: break;
+    case DO_BUS_OFF:
+        cr_servo_input(l->servo, CR_INPUT_BUS_OFF);
+        break;
+    case DO_SEND_FAILED:
+        cr_servo_input(l->servo, CR_INPUT_SEND_FAILED);
+        break;
+    default:
+        break;
     }
 }
 
@@ -471,8 +525,9 @@ static cr_rerun rerun(const loop *l, const cr_record *records, size_t count, cr_
     void *memory = aligned_alloc(64, (size + 63u) / 64u * 64u);
     assert_int_equal(cr_servo_init(&fresh, memory, size, &scene, &l->config), CR_OK);
     assert_int_equal(cr_servo_rerun(fresh, records, count / 2u, &result, out), CR_OK); /* in two pieces */
-    assert_int_equal(cr_servo_rerun(fresh, records + count / 2u, count - count / 2u, &result,
-                                    out == NULL ? NULL : out + count / 2u), CR_OK);
+    assert_int_equal(
+        cr_servo_rerun(fresh, records + count / 2u, count - count / 2u, &result, out == NULL ? NULL : out + count / 2u),
+        CR_OK);
     free(memory);
     return result;
 }

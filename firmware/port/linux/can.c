@@ -138,8 +138,8 @@ int can_open(can_port *port, const char *interface, uint32_t bitrate, char error
     }
     uint32_t found = ask_bitrate((int)index);
     if (found != 0u && found != bitrate) {
-        snprintf(text, sizeof text, "runs at %u bit/s, not at %u; `ip link set %.16s type can bitrate %u`", (unsigned)found,
-                 (unsigned)bitrate, interface, (unsigned)bitrate);
+        snprintf(text, sizeof text, "runs at %u bit/s, not at %u; `ip link set %.16s type can bitrate %u`",
+                 (unsigned)found, (unsigned)bitrate, interface, (unsigned)bitrate);
         return give_up(port, error, interface, text);
     }
     struct sockaddr_can address;

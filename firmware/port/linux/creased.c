@@ -88,8 +88,21 @@ static void tell(const cr_record *r, uint32_t *last_mode, uint32_t *last_faults)
     *last_faults = r->faults;
 }
 
+/* Three angles in degrees, at most a turn each. */
+static int read_angles(const char *text, double deg[3]) {
+    for (int i = 0; i < 3; i++) {
+        char *end;
+        deg[i] = strtod(text, &end);
+        if (end == text || !(deg[i] >= -360.0 && deg[i] <= 360.0)) {
+            return 0;
+        }
+        text = end;
+    }
+    return *text == '\0';
+}
+
 static void obey(daemon_state *d, char *line) {
-    double yaw, pitch, roll;
+    double deg[3];
     line[strcspn(line, "\r\n")] = '\0';
     if (strcmp(line, "start") == 0) {
         atomic_fetch_or(&d->commands, CR_COMMAND_START);
@@ -99,10 +112,10 @@ static void obey(daemon_state *d, char *line) {
         atomic_fetch_or(&d->commands, CR_COMMAND_CLEAR);
     } else if (strcmp(line, "quit") == 0) {
         atomic_store(&d->quit, 1);
-    } else if (sscanf(line, "wrist %lf %lf %lf", &yaw, &pitch, &roll) == 3 && yaw * yaw + pitch * pitch + roll * roll < 1e6) {
-        const double deg[3] = {yaw, pitch, roll};
+    } else if (strncmp(line, "wrist ", 6) == 0 && read_angles(line + 6, deg)) {
         for (int i = 0; i < 3; i++) {
-            atomic_store(&d->wrist_counts[i], (int)(deg[i] * 0.017453292519943295 / (double)d->device.servo.wrist_step_rad));
+            atomic_store(&d->wrist_counts[i],
+                         (int)(deg[i] * 0.017453292519943295 / (double)d->device.servo.wrist_step_rad));
         }
     } else if (line[0] != '\0') {
         fprintf(stderr, "'%s' is no command; start, stop, clear, quit, wrist YAW PITCH ROLL (degrees)\n", line);
@@ -171,7 +184,8 @@ static void become_real_time(const device_config *device) {
     }
     int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
     if (error != 0) {
-        fprintf(stderr, "warning: no real-time priority: %s; run with CAP_SYS_NICE or an rtprio limit\n", strerror(error));
+        fprintf(stderr, "warning: no real-time priority: %s; run with CAP_SYS_NICE or an rtprio limit\n",
+                strerror(error));
     }
 }
 
@@ -243,7 +257,8 @@ static void run_loop(daemon_state *d) {
     while (stopping < STOP_TICKS) {
         sleep_until(due_ns);
         uint32_t mode = cr_servo_get_status(d->servo).mode;
-        int stop = stop_asked || atomic_load(&d->quit) || due_ns >= end_ns || (d->opt.exit_on_fault && mode == CR_MODE_FAULT);
+        int stop =
+            stop_asked || atomic_load(&d->quit) || due_ns >= end_ns || (d->opt.exit_on_fault && mode == CR_MODE_FAULT);
         if (stop && stopping == 0) {
             d->final_mode = mode;
             d->final_faults = cr_servo_get_status(d->servo).faults;
@@ -251,7 +266,8 @@ static void run_loop(daemon_state *d) {
         stopping += stop || stopping > 0 ? 1 : 0;
         uint32_t commands = stopping == 1 ? (uint32_t)CR_COMMAND_STOP : stopping > 1 ? (uint32_t)CR_COMMAND_OFF : 0u;
         idle_ns = mode == CR_MODE_IDLE && idle_ns == 0u ? due_ns : idle_ns;
-        if (start_due && mode == CR_MODE_IDLE && stopping == 0 && due_ns - idle_ns >= (uint64_t)(d->opt.start_after * 1e9)) {
+        if (start_due && mode == CR_MODE_IDLE && stopping == 0 &&
+            due_ns - idle_ns >= (uint64_t)(d->opt.start_after * 1e9)) {
             commands |= CR_COMMAND_START;
             start_due = 0;
         }
@@ -271,9 +287,10 @@ static int complain(int status, const char *text) {
 }
 
 static int usage(void) {
-    fprintf(stderr, "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"
-                    "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"
-                    "commands on standard input: start, stop, clear, quit, wrist YAW PITCH ROLL (degrees)\n");
+    fprintf(stderr,
+            "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"
+            "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"
+            "commands on standard input: start, stop, clear, quit, wrist YAW PITCH ROLL (degrees)\n");
     return EXIT_USAGE;
 }
 
@@ -284,26 +301,47 @@ static int read_seconds(const char *text, double *out) {
 }
 
 static int read_options(int argc, char **argv, options *opt) {
-    static const struct option known[] = {
-        {"config", required_argument, NULL, 'c'},  {"interface", required_argument, NULL, 'i'}, {"record", required_argument, NULL, 'r'},
-        {"seconds", required_argument, NULL, 's'}, {"start", no_argument, NULL, 'S'},           {"exit-on-fault", no_argument, NULL, 'x'},
-        {"quiet", no_argument, NULL, 'q'},         {"start-after", required_argument, NULL, 'a'},   {NULL, 0, NULL, 0}};
+    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
+                                          {"interface", required_argument, NULL, 'i'},
+                                          {"record", required_argument, NULL, 'r'},
+                                          {"seconds", required_argument, NULL, 's'},
+                                          {"start", no_argument, NULL, 'S'},
+                                          {"exit-on-fault", no_argument, NULL, 'x'},
+                                          {"quiet", no_argument, NULL, 'q'},
+                                          {"start-after", required_argument, NULL, 'a'},
+                                          {NULL, 0, NULL, 0}};
     int wrong = 0;
     memset(opt, 0, sizeof *opt);
-    for (int key = getopt_long(argc, argv, "", known, NULL); key != -1; key = getopt_long(argc, argv, "", known, NULL)) {
+    for (int key = getopt_long(argc, argv, "", known, NULL); key != -1;
+         key = getopt_long(argc, argv, "", known, NULL)) {
         switch (key) {
-        case 'c': opt->device_path = optarg; break;
-        case 'i': opt->interface = optarg; break;
-        case 'r': opt->record_path = optarg; break;
-        case 's': wrong |= read_seconds(optarg, &opt->seconds); break;
+        case 'c':
+            opt->device_path = optarg;
+            break;
+        case 'i':
+            opt->interface = optarg;
+            break;
+        case 'r':
+            opt->record_path = optarg;
+            break;
+        case 's':
+            wrong |= read_seconds(optarg, &opt->seconds);
+            break;
         case 'a':
             wrong |= read_seconds(optarg, &opt->start_after);
             opt->start = 1;
             break;
-        case 'S': opt->start = 1; break;
-        case 'x': opt->exit_on_fault = 1; break;
-        case 'q': opt->quiet = 1; break;
-        default: return usage();
+        case 'S':
+            opt->start = 1;
+            break;
+        case 'x':
+            opt->exit_on_fault = 1;
+            break;
+        case 'q':
+            opt->quiet = 1;
+            break;
+        default:
+            return usage();
         }
     }
     if (wrong) {
@@ -347,8 +385,9 @@ static int load_scene(daemon_state *d) {
 static int make_servo(daemon_state *d) {
     size_t size = cr_servo_size(&d->scene, &d->device.servo), ring = cr_record_ring_size(RING_RECORDS);
     void *memory = aligned_alloc(ALIGN, (size + ALIGN - 1u) / ALIGN * ALIGN), *records = aligned_alloc(ALIGN, ring);
-    cr_err err = memory == NULL || records == NULL ? CR_ERR_SIZE
-                                                   : cr_servo_init(&d->servo, memory, size, &d->scene, &d->device.servo);
+    cr_err err = memory == NULL || records == NULL
+                     ? CR_ERR_SIZE
+                     : cr_servo_init(&d->servo, memory, size, &d->scene, &d->device.servo);
     err = err == CR_OK ? cr_record_ring_init(&d->ring, records, ring, RING_RECORDS) : err;
     return err == CR_OK ? 0 : complain(EXIT_USAGE, cr_err_text(err));
 }

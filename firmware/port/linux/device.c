@@ -19,24 +19,26 @@ typedef enum { FLOATS, WHOLE, NAME } kind;
 typedef struct {
     const char *table, *key;
     kind kind;
-    uint32_t count; /* numbers; more than one: an array */
-    size_t offset;  /* into device_config */
+    uint32_t count;          /* numbers; more than one: an array */
+    size_t offset;           /* into device_config */
     double scale, low, high; /* range of what is written */
 } entry;
 
 #define AT(field) offsetof(device_config, field)
-#define AXIS(name, unit, torque, i, low, high, turn)                                                                    \
-    {name, "min_" unit, FLOATS, 1, AT(servo.arm.joint_min[i]), turn, low, high},                                        \
-        {name, "max_" unit, FLOATS, 1, AT(servo.arm.joint_max[i]), turn, low, high},                                    \
-        {name, "rated_" torque, FLOATS, 1, AT(servo.axis[i].rated), 1.0, 1e-3, 1e4},                                    \
-        {name, "peak_" torque, FLOATS, 1, AT(servo.axis[i].torque_max), 1.0, 1e-3, 1e4},                                \
-        {name, "gravity_" torque, FLOATS, 1, AT(servo.axis[i].gravity), 1.0, -1e4, 1e4},                                \
-    {name, "coulomb_" torque, FLOATS, 1, AT(servo.axis[i].coulomb), 1.0, 0.0, 1e4}
-#define JOINT(name, unit, i)                                                                                            \
-    {name, "step_" unit, FLOATS, 1, AT(servo.axis[i].step), 1.0, -0.01, 0.01},                                          \
-        {name, "offset_" unit, FLOATS, 1, AT(servo.axis[i].offset), 1.0, -50.0, 50.0},                                  \
-        {name, "jump_" unit, FLOATS, 1, AT(servo.axis[i].jump_max), 1.0, 1e-9, 10.0},                                   \
-    {name, "friction_speed_" unit "_s", FLOATS, 1, AT(servo.axis[i].friction_speed), 1.0, 1e-6, 100.0}
+#define AXIS(name, unit, torque, i, low, high, turn)                                                                   \
+    {name, "min_" unit, FLOATS, 1, AT(servo.arm.joint_min[i]), turn, low, high},                                       \
+        {name, "max_" unit, FLOATS, 1, AT(servo.arm.joint_max[i]), turn, low, high},                                   \
+        {name, "rated_" torque, FLOATS, 1, AT(servo.axis[i].rated), 1.0, 1e-3, 1e4},                                   \
+        {name, "peak_" torque, FLOATS, 1, AT(servo.axis[i].torque_max), 1.0, 1e-3, 1e4},                               \
+        {name, "gravity_" torque, FLOATS, 1, AT(servo.axis[i].gravity), 1.0, -1e4, 1e4}, {                             \
+        name, "coulomb_" torque, FLOATS, 1, AT(servo.axis[i].coulomb), 1.0, 0.0, 1e4                                   \
+    }
+#define JOINT(name, unit, i)                                                                                           \
+    {name, "step_" unit, FLOATS, 1, AT(servo.axis[i].step), 1.0, -0.01, 0.01},                                         \
+        {name, "offset_" unit, FLOATS, 1, AT(servo.axis[i].offset), 1.0, -50.0, 50.0},                                 \
+        {name, "jump_" unit, FLOATS, 1, AT(servo.axis[i].jump_max), 1.0, 1e-9, 10.0}, {                                \
+        name, "friction_speed_" unit "_s", FLOATS, 1, AT(servo.axis[i].friction_speed), 1.0, 1e-6, 100.0               \
+    }
 
 static const entry entries[] = {
     {"bus", "interface", NAME, 1, AT(interface), 1.0, 0.0, 0.0},
@@ -80,7 +82,8 @@ static const entry entries[] = {
     {"control", "force_rate_max_N_s", FLOATS, 1, AT(servo.control.force_rate_max_N_s), 1.0, 1.0, 1e6},
     {"control", "power_max_W", FLOATS, 1, AT(servo.control.power_max_W), 1.0, 0.01, 1e4},
     {"control", "speed_max_m_s", FLOATS, 1, AT(servo.control.speed_max_m_s), 1.0, 0.01, 100.0},
-    {"control", "passivity_damping_max_Ns_m", FLOATS, 1, AT(servo.control.passivity_damping_max_Ns_m), 1.0, 0.0, 1000.0},
+    {"control", "passivity_damping_max_Ns_m", FLOATS, 1, AT(servo.control.passivity_damping_max_Ns_m), 1.0, 0.0,
+     1000.0},
     {"control", "ramp_ms", FLOATS, 1, AT(servo.control.ramp_s), 1e-3, 0.0, 10000.0},
     {"control", "window", WHOLE, 1, AT(servo.control.window), 1.0, 2.0, CR_WINDOW_MAX},
 };
@@ -113,6 +116,7 @@ __attribute__((format(printf, 2, 3))) static int fail(reader *r, const char *for
     size_t at = used < 0 ? 0u : (size_t)used < DEVICE_TEXT_MAX ? (size_t)used : DEVICE_TEXT_MAX - 1u;
     va_list list;
     va_start(list, format);
+    /* NOLINTNEXTLINE(clang-analyzer-valist.Uninitialized): it is, a line above */
     vsnprintf(r->error + at, DEVICE_TEXT_MAX - at, format, list);
     va_end(list);
     return -1;
@@ -127,7 +131,8 @@ static char *skip_space(char *at) {
 
 /* Cuts trailing space and a comment outside of quotes. */
 static void trim(char *line) {
-    char *end = line, quoted = 0;
+    char *end = line;
+    int quoted = 0;
     for (char *c = line; *c != '\0'; c++) {
         if (*c == '"') {
             quoted = !quoted;
@@ -174,7 +179,8 @@ static int read_table(reader *r, char *line) {
             return 0;
         }
     }
-    return fail(r, "unknown table [%s]; known are bus, loop, guide, upper, fore, arm, wrist, contact, control", line + 1);
+    return fail(r, "unknown table [%s]; known are bus, loop, guide, upper, fore, arm, wrist, contact, control",
+                line + 1);
 }
 
 static int read_name(reader *r, const entry *e, char *value) {

@@ -4,16 +4,16 @@
 
 #include "servo.h"
 
-#define DEVICE_NAME_MAX 16   /* IFNAMSIZ */
+#define DEVICE_NAME_MAX 16 /* IFNAMSIZ */
 #define DEVICE_TEXT_MAX 300
 
 typedef struct {
     cr_servo_config servo;
     char interface[DEVICE_NAME_MAX];
-    uint32_t bitrate;      /* bit/s; asked of interfaces that have one */
-    uint32_t deadline_us;  /* after SYNC: the tick starts then at the latest */
-    uint32_t priority;     /* of SCHED_FIFO */
-    float wrist_deg[3];    /* the wrist when nothing reads it */
+    uint32_t bitrate;     /* bit/s; asked of interfaces that have one */
+    uint32_t deadline_us; /* after SYNC: the tick starts then at the latest */
+    uint32_t priority;    /* of SCHED_FIFO */
+    float wrist_deg[3];   /* the wrist when nothing reads it */
 } device_config;
 
 device_config device_default(void);

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from crease.bake.layout import CLUSTER, GROUP, LANES, SUM
+from crease.bake.layout import CLUSTER, GROUP, LANES, NEIGHBOUR, SUM
 from crease.bake.surface import Surface
 from crease.native import ffi, lib
 
@@ -62,7 +62,7 @@ class Shell:
     sums: npt.NDArray[Any]
     groups: npt.NDArray[Any]
     adj_start: npt.NDArray[np.uint32]
-    adj: npt.NDArray[np.uint32]
+    adj: npt.NDArray[Any]
     points: int
     levels: int
     spacing_m: float
@@ -506,20 +506,26 @@ def _fill_group(row: Any, below: _Level, part: I64, child_base: int) -> None:
 
 def make_adjacency(
     samples: Samples, groups: list[I64], spacing_m: float
-) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-    """Which clusters are neighbours on the tool surface, as start offsets and indices."""
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[Any]]:
+    """Which clusters are neighbours on the tool surface and by which lanes, as start offsets and records."""
     cluster_of = np.empty(len(samples.position_m), np.int64)
+    lane_of = np.empty(len(samples.position_m), np.int64)
     for i, ids in enumerate(groups):
         cluster_of[ids] = i
+        lane_of[ids] = np.arange(len(ids))
     pairs = cKDTree(samples.position_m).query_pairs(1.6 * spacing_m, output_type="ndarray")
     if len(pairs):
         cosine = np.einsum("nx,nx->n", samples.normal[pairs[:, 0]], samples.normal[pairs[:, 1]])
         pairs = pairs[(cosine > SHARED_SHEET) | samples.feature[pairs].any(axis=1)]
-    links = cluster_of[pairs.reshape(-1, 2)]
-    links = links[links[:, 0] != links[:, 1]]
-    both = np.unique(np.concatenate([links, links[:, ::-1]]), axis=0)
-    start = np.searchsorted(both[:, 0], np.arange(len(groups) + 1)).astype(np.uint32)
-    return start, both[:, 1].astype(np.uint32)
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    both = both[cluster_of[both[:, 0]] != cluster_of[both[:, 1]]]
+    links, where = np.unique(cluster_of[both], axis=0, return_inverse=True)
+    out = np.zeros(len(links), NEIGHBOUR)
+    out["cluster"] = links[:, 1] if len(links) else 0
+    np.bitwise_or.at(out["mine"], where.reshape(-1), (1 << lane_of[both[:, 0]]).astype(np.uint16))
+    np.bitwise_or.at(out["theirs"], where.reshape(-1), (1 << lane_of[both[:, 1]]).astype(np.uint16))
+    starts = links[:, 0] if len(links) else np.zeros(0, np.int64)
+    return np.searchsorted(starts, np.arange(len(groups) + 1)).astype(np.uint32), out
 
 
 def make_shell(surface: Surface, spacing_m: float) -> Shell:

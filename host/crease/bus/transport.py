@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import can
@@ -73,6 +74,17 @@ def enlarge(bus: can.BusABC) -> None:
             found.setsockopt(socket.SOL_SOCKET, force, RECEIVE_BUFFER_BYTES)
         except OSError:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+
+@contextmanager
+def one_line(bus: can.BusABC) -> Iterator[None]:
+    """Trouble of the interface in the block becomes a BusError on one line."""
+    try:
+        yield
+    except (can.CanError, OSError) as error:
+        raise BusError(
+            f"{bus.channel_info}: the interface failed: {' '.join(str(error).split())}"
+        ) from error
 
 
 def now_us() -> int:

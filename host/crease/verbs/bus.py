@@ -169,7 +169,7 @@ def _watch(args: argparse.Namespace) -> None:
 
     from crease.bus.dictionary import load
     from crease.bus.monitor import Monitor
-    from crease.bus.transport import open_bus
+    from crease.bus.transport import one_line, open_bus
     from crease.table import check_target
 
     if args.interface is None or args.channel is None:
@@ -183,7 +183,7 @@ def _watch(args: argparse.Namespace) -> None:
         listeners: list[can.Listener] = []
         if args.log is not None:
             listeners.append(stack.enter_context(can.Logger(args.log)))
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.suppress(KeyboardInterrupt), one_line(bus):
             _listen(bus, monitor, listeners, args.seconds, sys.stdout.isatty() and not args.json)
     _show(args, monitor)
 

@@ -21,9 +21,9 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "hil",
         help="close the loop: servo, bus, drives, mechanism and operator along a path",
-        description="An operator leads the tool along a path while the servo of the firmware renders the contact, and every tick is "
-        "recorded. In process: both ends here, in lock-step, the same to the bit each time. socketcan: `creased` and `crease sim` "
-        "on a real interface.",
+        description="An operator leads the tool along a path while the servo of the firmware renders the contact. "
+        "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. socketcan: `creased` "
+        "and `crease sim` on a real interface.",
     )
     parser.add_argument("scene", metavar="SCENE.crs", type=Path)
     parser.add_argument(
@@ -33,14 +33,35 @@ def add_parser(sub: SubParsers) -> None:
         required=True,
         help="where the hand wants the tool: t_s,x_m,y_m,z_m,qw,qx,qy,qz",
     )
-    parser.add_argument("-i", "--interface", choices=("inprocess", "socketcan"), default="inprocess")
-    parser.add_argument("-c", "--channel", metavar="NAME", default="vcan0", help="of socketcan: vcan0, can0, ...")
+    parser.add_argument(
+        "-i", "--interface", choices=("inprocess", "socketcan"), default="inprocess"
+    )
+    parser.add_argument(
+        "-c", "--channel", metavar="NAME", default="vcan0", help="of socketcan: vcan0, can0, ..."
+    )
     parser.add_argument("-b", "--bitrate", metavar="BIT/S", type=int, default=None, help="1000000")
-    parser.add_argument("-o", "--output", metavar="OUT.crr", type=Path, required=True, help="the recording")
-    parser.add_argument("--table", metavar="OUT.csv", type=Path, help="the ticks of the path as CSV or NPZ")
-    parser.add_argument("--log", metavar="OUT.log", type=Path, help="the frames (in process): .log, .asc or .blf")
-    parser.add_argument("--device", metavar="SIM.toml", type=Path, help="parameters of the simulated device (in process)")
-    parser.add_argument("--fault", metavar="KIND:tick=N,...", action="append", default=[], help="as for `crease sim`")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT.crr", type=Path, required=True, help="the recording"
+    )
+    parser.add_argument(
+        "--table", metavar="OUT.csv", type=Path, help="the ticks of the path as CSV or NPZ"
+    )
+    parser.add_argument(
+        "--log", metavar="OUT.log", type=Path, help="the frames (in process): .log, .asc or .blf"
+    )
+    parser.add_argument(
+        "--device",
+        metavar="SIM.toml",
+        type=Path,
+        help="parameters of the device (in process)",
+    )
+    parser.add_argument(
+        "--fault",
+        metavar="KIND:tick=N,...",
+        action="append",
+        default=[],
+        help="as for `crease sim`",
+    )
     parser.add_argument("--stiffness", metavar="N/m", type=number(0.0, 1e6), default=1000.0)
     parser.add_argument("--response", default="zones", help="zones or fixed45 (in process)")
     add_json(parser)
@@ -65,7 +86,9 @@ def run(args: argparse.Namespace) -> None:
     if args.interface == "socketcan":
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != "zones":
-            raise LoopError(f"--{(*given, 'response')[0]}: only with -i inprocess; give it to `crease sim` instead")
+            raise LoopError(
+                f"--{(*given, 'response')[0]}: only with -i inprocess; give it to `crease sim` instead"
+            )
         with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
@@ -96,6 +119,7 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
     params = load_params(args.device)
     faults = [parse_fault(text) for text in args.fault]
     with Progress() as progress:
+
         def say(part: float) -> None:
             progress("hil", part)
 
@@ -106,10 +130,15 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
         check_suffix(args.log, (".log", ".asc", ".blf"))
         check_target(args.log, args.force)
         with can.Logger(str(args.log)) as log:
+
             def keep(t_s: float, frame: Any) -> None:
                 log(
                     can.Message(
-                        timestamp=t_s, arbitration_id=frame.id, data=frame.data, is_extended_id=False, channel="inprocess"
+                        timestamp=t_s,
+                        arbitration_id=frame.id,
+                        data=frame.data,
+                        is_extended_id=False,
+                        channel="inprocess",
                     )
                 )
 
@@ -148,6 +177,11 @@ def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
     ]
     if "buzz_m_s2" in report:
         lines.append(("buzz", f"{report['buzz_m_s2']:.3g} m/s^2, 20..250 Hz"))
-    lines.append(("bus", f"{report['missing']} states missing, {report['late']} late, {report['frames_lost']} lost"))
+    lines.append(
+        (
+            "bus",
+            f"{report['missing']} states missing, {report['late']} late, {report['frames_lost']} lost",
+        )
+    )
     lines.append(("faults", faults))
     return lines

@@ -1,4 +1,4 @@
-"""`crease replay` of a recording: the recorded ticks run through the library again, every output compared to the bit."""
+"""`crease replay` of a recording: its ticks run through the library again, compared to the bit."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ def run(args: argparse.Namespace) -> None:
             f"{len(recording) - result.records} ticks were not run again"
         )
     warn(warnings)
-    faults = sorted({name for bits in set(recording.rows["faults"].tolist()) for name in fault_names(bits)})
+    faults = sorted(
+        {name for bits in set(recording.rows["faults"].tolist()) for name in fault_names(bits)}
+    )
     report: dict[str, object] = {
         "output": str(args.output),
         "ticks": result.records,
@@ -52,6 +54,6 @@ def run(args: argparse.Namespace) -> None:
         )
     if result.different:
         raise RecordingError(
-            f"{args.path}: {result.different} of {result.records} ticks do not come out the same, the first is {result.first}; "
-            "was it recorded with another version?"
+            f"{args.path}: {result.different} of {result.records} ticks do not come out the same, "
+            f"the first is {result.first}; was it recorded with another version?"
         )

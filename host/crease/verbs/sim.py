@@ -185,7 +185,7 @@ def _run_socketcan(args: argparse.Namespace, drives: Drives) -> int:
 
 def _run_any(args: argparse.Namespace, drives: Drives) -> int:
     """Through python-can."""
-    from crease.bus.transport import open_bus, serve
+    from crease.bus.transport import one_line, open_bus, serve
 
     stopped: list[int] = []
     bus = open_bus(args.interface, args.channel, args.bitrate)
@@ -198,7 +198,8 @@ def _run_any(args: argparse.Namespace, drives: Drives) -> int:
     except ValueError:
         main_thread = False
     try:
-        serve(bus, drives, lambda: bool(stopped), args.seconds)
+        with one_line(bus):
+            serve(bus, drives, lambda: bool(stopped), args.seconds)
     finally:
         if main_thread:
             for number_, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):

@@ -202,3 +202,30 @@ def test_sim_serves_a_python_can_bus_and_reports() -> None:
     assert report["states"] == ["operation enabled"] * 3
     assert report["ticks"] >= 17
     assert report["frames_lost"] == 0
+
+
+class _Broken(can.BusABC):
+    """An interface that fails at the first frame."""
+
+    channel_info = "broken wire"
+
+    def __init__(self, channel: str, **_: object) -> None:
+        super().__init__(channel)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        raise can.CanOperationError("the wire\nis cut")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise can.CanOperationError("the wire\nis cut")
+
+
+@pytest.mark.parametrize("verb", ["sim", "bus"])
+def test_interface_that_fails_gets_one_clear_line(
+    monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    monkeypatch.setattr(can, "Bus", lambda channel, interface: _Broken(channel))
+    said = crease(verb, "-i", "virtual", "-c", "x", "--seconds", "1")
+    assert (said.status, said.err) == (
+        1,
+        "error: broken wire: the interface failed: the wire is cut\n",
+    )

@@ -1,0 +1,86 @@
+"""Halving the motion halves the largest change of the force: nothing jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from property_scenes import F64, Solid, ball, bake, block, corner, cube, cylinder, run
+
+STEPS = 1600
+"""Ticks of the finest path; it is taken apart into coarser ones."""
+RATIO_MAX = 0.75
+"""A smooth force gives 1/2, a jump gives 1."""
+LEAST_N = 1e-3
+"""Changes below this are rounding: a micrometre at 1000 N/m."""
+
+
+def path(start: F64, end: F64, turn: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> F64:
+    """A straight path (n, 7) in m, the tool turning by a rotation vector (small) along it."""
+    s = np.linspace(0.0, 1.0, STEPS)[:, None]
+    quaternion = np.hstack([np.ones_like(s), 0.5 * s * np.array(turn)])
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return np.hstack([start + s * (end - start), quaternion])
+
+
+def arc(radius_m: float, low_deg: float, high_deg: float) -> F64:
+    """A circle about the y axis through the origin, (n, 7)."""
+    angle = np.radians(np.linspace(low_deg, high_deg, STEPS))
+    at = radius_m * np.column_stack([np.cos(angle), np.zeros(STEPS), np.sin(angle)])
+    return np.hstack([at, np.tile([1.0, 0.0, 0.0, 0.0], (STEPS, 1))])
+
+
+def largest_changes(force_N: npt.NDArray[np.float32]) -> list[float]:
+    """Largest change from tick to tick, for steps of 8, 4, 2 and 1."""
+    force = force_N.astype(np.float64)
+    return [
+        max(
+            float(np.linalg.norm(np.diff(force[first::step], axis=0), axis=1).max())
+            for first in range(step)
+        )
+        for step in (8, 4, 2, 1)
+    ]
+
+
+CASES: dict[str, tuple[Solid, Solid, float, float, F64]] = {
+    "ball-round-edge": (block(), ball(), 1.0, 1.2, arc(10e-3, -20, 110)),
+    "cube-over-edge": (
+        block(),
+        cube(),
+        2.0,
+        1.5,
+        path(np.array([14e-3, 0, 6e-3]), np.array([-5e-3, 2e-3, 8e-3]), (0.1, -0.25, 0.2)),
+    ),
+    "ball-over-corner": (
+        corner(),
+        ball(),
+        1.0,
+        1.2,
+        path(np.array([9e-3, -12e-3, -4e-3]), np.array([-4e-3, 6e-3, 8e-3])),
+    ),
+    "cube-over-corner": (
+        corner(),
+        cube(),
+        2.0,
+        1.5,
+        path(np.array([9e-3, 4e-3, 9e-3]), np.array([3e-3, 8e-3, 7e-3]), (0.3, 0.2, -0.2)),
+    ),
+    "ball-on-cylinder": (
+        cylinder(),
+        ball(),
+        1.0,
+        1.2,
+        path(np.array([-5e-3, -14e-3, 27e-3]), np.array([6e-3, 14e-3, 27e-3])),
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_halving_the_step_halves_the_largest_change(name: str) -> None:
+    static, tool, voxel_mm, spacing_mm, poses = CASES[name]
+    rows = run(bake(static, tool, voxel_mm, spacing_mm), poses)
+    assert (rows["areas"] > 0).mean() > 0.5
+    changes = largest_changes(rows["force_N"])
+    for coarse, fine in zip(changes, changes[1:], strict=False):
+        assert fine < max(RATIO_MAX * coarse, LEAST_N), changes
