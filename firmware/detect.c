@@ -98,6 +98,30 @@ static void find_coverage(const walk *w, const struct cr_img_cluster *c, const c
     }
 }
 
+/* Share of a piece of width b that lies below a plane at height h. */
+static float share_below(float h, float width, float most) {
+    float least = WIDTH_MIN * most;
+    return clamp_f(0.5f - h / clamp_f(width, least, most), 0.0f, 1.0f);
+}
+
+/* A piece over a crease is cut by several planes at once. Where they meet convexly it is inside as far as it is below all of
+ * them, taken as independent; where they meet concavely, as far as it is not above all. */
+static float crease_coverage(const walk *w, const struct cr_img_cluster *c, const cr_lookup *at, int i, cr_vec3 p_world) {
+    const struct cr_img_kind *kind = &w->scene->kinds[at->kind[i]];
+    int concave = kind->kind == CR_KIND_CONCAVE;
+    float share = 1.0f;
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
+        cr_vec3 n = xform_unrotate(w->pose, v3_from(facet->normal));
+        float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+        float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+        float h = v3_dot(v3_from(facet->normal), p_world) - facet->offset_m;
+        float below = share_below(h, sqrtf(max_f(0.0f, width2)), 2.0f * c->ramp[i]);
+        share *= concave ? 1.0f - below : below;
+    }
+    return concave ? 1.0f - share : share;
+}
+
 void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {
     float ax[CR_LANES], ay[CR_LANES], az[CR_LANES], px[CR_LANES], py[CR_LANES], pz[CR_LANES], area[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
@@ -314,6 +338,13 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     cr_field_look_up(w->field, &world, &at);
     w->stats->points += c->count;
     find_coverage(w, c, &at, coverage);
+    uint32_t over = w->options->coverage == CR_COVERAGE_SOFT ? at.from_facet & ((1u << c->count) - 1u) : 0u;
+    while (over != 0u) {
+        int i = take_lane(&over);
+        if (abs_f(at.phi_m[i]) < c->ramp[i]) {
+            coverage[i] = crease_coverage(w, c, &at, i, v3(world.x[i], world.y[i], world.z[i]));
+        }
+    }
     for (int i = 0; i < CR_LANES; i++) {
         negative[i] = -at.phi_m[i];
         one[i] = 1.0f;
