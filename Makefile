@@ -151,7 +151,7 @@ creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/crea
 check: build/.host build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.host build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp ## everything that must pass; ends with one count
+test: build/.host build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
@@ -169,6 +169,9 @@ bench: build/.host build/scenes/.stamp ## measured figures, with the machine's n
 
 bench-loop: build/.host ## stability of the closed loop: the simulator against theory
 	cd tests/bench && $(abspath $(PY)) loop.py
+
+bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
+	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv
 
 # ----------------------------------------------------------------------------------------------- hardware in the loop
 # Protocol tests on a real vcan0: the kernel's own where there is one, else in User-Mode Linux with virtual time.
@@ -222,5 +225,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize coverage bench bench-loop hil hil-kernel lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize coverage bench bench-loop bench-faults hil hil-kernel lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

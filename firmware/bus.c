@@ -47,6 +47,10 @@ enum {
 /* A drive whose state comes twice in this many periods in a row is two drives. */
 #define TWICE_ROW_MAX 3u
 
+/* EMCY, heartbeats and SDO answers of one drive in one period: with an inhibit time of 10 ms on EMCY there is no reason for
+ * more. Four fit beside the states before the bus is full. */
+#define OTHER_MAX 3u
+
 /* ------------------------------------------------------------------------------------------------- drive set-up */
 
 /* What is added to the value of a step. */
@@ -262,9 +266,17 @@ void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_serv
     if (is_ours(id)) {
         counters->alien++;
         bus->faults |= CR_FAULT_ALIEN;
-    } else if (is_axis(id, ID_STATE)) {
+        return;
+    }
+    if (is_axis(id, ID_STATE)) {
         receive_state(&bus->drive[axis], frame, counters);
-    } else if (is_axis(id, ID_HEARTBEAT)) {
+        return;
+    }
+    if (axis < CR_AXES && ++bus->drive[axis].other_count > OTHER_MAX) {
+        counters->babbled++;
+        raise_axis(bus, CR_FAULT_BABBLE, axis);
+    }
+    if (is_axis(id, ID_HEARTBEAT)) {
         receive_heartbeat(bus, axis, frame, now_ns, counters);
     } else if (is_axis(id, ID_EMCY) || is_axis(id, ID_EMCY_DEFAULT)) {
         receive_emcy(bus, axis, frame, counters);
@@ -421,7 +433,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
 
 void cr_bus_sync(cr_bus *bus, cr_tx *tx) {
     for (uint32_t a = 0; a < CR_AXES; a++) {
-        bus->drive[a].state_count = 0u;
+        bus->drive[a].state_count = bus->drive[a].other_count = 0u;
     }
     if (bus->phase != CR_PHASE_LISTEN) {
         add_frame(tx, ID_SYNC, 0u);

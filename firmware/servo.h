@@ -197,7 +197,7 @@ enum {
     CR_FAULT_OVERRUN = 512u,    /* a tick came too late while rendering */
     CR_FAULT_BAD_STATE = 1024u, /* calls out of order, time going back, or a period out of range */
     CR_FAULT_ALIEN = 2048u,     /* somebody else speaks with the host's or twice with a drive's identifiers */
-    CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period */
+    CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period, or more than a drive has reason for */
     CR_FAULT_BUS_OFF = 8192u,   /* the bus cannot be reached */
     CR_FAULT_SDO = 16384u       /* a drive refused its set-up, or did not answer */
 };
@@ -218,7 +218,7 @@ typedef struct {
     uint32_t twice;                  /* second states of a drive in one period */
     uint32_t malformed;              /* frames of a wrong length or with a wrong content */
     uint32_t alien;                  /* frames on the host's own identifiers */
-    uint32_t babbled;                /* frames beyond CR_RX_MAX */
+    uint32_t babbled;                /* frames beyond what a period may bring */
     uint32_t emcy;
     uint32_t sdo_retries;
     uint32_t overruns;

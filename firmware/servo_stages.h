@@ -111,6 +111,7 @@ typedef struct {
     int16_t actual;
     uint16_t status;
     uint32_t state_count; /* states since SYNC */
+    uint32_t other_count; /* other frames since SYNC */
     uint32_t twice_row;   /* periods in a row with more than one */
     uint32_t missing_row; /* periods in a row with none */
     uint64_t heard_ns;    /* last heartbeat */

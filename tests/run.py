@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,15 +76,12 @@ def run_programs(folder: Path) -> Count:
     return count
 
 
-def run_pytest(quick: bool) -> Count:
-    """pytest over tests/, counted from its JUnit report. Skipped counts as failed: every test must run."""
-    report = ROOT / "build" / "pytest.xml"
-    report.parent.mkdir(exist_ok=True)
-    report.unlink(missing_ok=True)
-    config = ["-c", "host/pyproject.toml", "--rootdir", ".", f"--junit-xml={report}"]
-    select = ["-m", "not slow"] if quick else []
-    command = [sys.executable, "-m", "pytest", *config, *select, "--durations=5", "tests"]
-    status = subprocess.run(command, check=False, cwd=ROOT).returncode
+HIL_FILES = ("tests/bus/test_drive.py", "tests/bus/test_bus_cli.py", "tests/hil")
+"""Tests that run a second time, or only, on a real vcan0."""
+
+
+def read_junit(report: Path, status: int) -> Count:
+    """Passed and failed of a pytest run, from its JUnit report. Skipped counts as failed: every test must run."""
     if not report.exists():
         return Count(0, 1)
     suites = ET.parse(report).getroot().iter("testsuite")
@@ -94,6 +93,35 @@ def run_pytest(quick: bool) -> Count:
     if status != 0 and failed == 0:
         failed = 1
     return Count(max(tests - failed, 0), failed)
+
+
+def run_pytest(
+    select: list[str],
+    paths: Sequence[str],
+    name: str = "pytest",
+    wrap: Sequence[str] = (),
+    **extra: str,
+) -> Count:
+    """pytest over `paths`, inside the command `wrap`, with more environment."""
+    report = ROOT / "build" / f"{name}.xml"
+    report.parent.mkdir(exist_ok=True)
+    report.unlink(missing_ok=True)
+    config = ["-c", "host/pyproject.toml", "--rootdir", ".", f"--junit-xml={report}"]
+    command = [*wrap, sys.executable, "-m", "pytest", *config, *select, "--durations=5", *paths]
+    status = subprocess.run(command, check=False, cwd=ROOT, env=os.environ | extra).returncode
+    return read_junit(report, status)
+
+
+def run_hil() -> Count:
+    """The protocol and closed-loop tests on a real vcan0: this kernel's, or User-Mode Linux's with virtual time."""
+    if Path("/sys/class/net/vcan0").exists():
+        print("bus transport: socketcan, vcan0 of this kernel", flush=True)
+        return run_pytest([], HIL_FILES, "pytest-hil", CREASE_TRANSPORT="socketcan")
+    print("bus transport: socketcan, vcan0 in User-Mode Linux with virtual time", flush=True)
+    wrap = (str(ROOT / "tests" / "hil" / "lab" / "vcan-run"), "-V")
+    return run_pytest(
+        [], HIL_FILES, "pytest-hil", wrap, CREASE_TRANSPORT="socketcan", CREASE_VIRTUAL_TIME="1"
+    )
 
 
 def main() -> int:
@@ -109,7 +137,9 @@ def main() -> int:
         # The same tests a second time: they must pass, but are counted once.
         count += Count(0, run_programs(args.sanitized).failed)
     if not args.only_c:
-        count += run_pytest(args.quick)
+        count += run_pytest(["-m", "not slow"] if args.quick else [], ["tests"])
+        if not args.quick:
+            count += run_hil()
     print(f"{count.passed} passed, {count.failed} failed", flush=True)
     return 1 if count.failed or not count.passed else 0
 

@@ -307,7 +307,7 @@ static void fill_kind(const crt_solid *s, uint32_t set, struct cr_img_kind *kind
             kind->facet[kind->count++] = f;
         }
     }
-    kind->kind = s->ball_m > 0.0    ? CR_KIND_CURVED
+    kind->kind = s->ball_m > 0.0     ? CR_KIND_CURVED
                  : kind->count == 1u ? CR_KIND_PLANAR
                  : s->hollow         ? CR_KIND_CONCAVE
                                      : CR_KIND_CONVEX;
@@ -342,7 +342,8 @@ static void fill_features(const crt_solid *s, parts *p) {
     p->count[CR_SEC_PAIRS] = pairs;
     for (int i = 0; i < s->sides; i++) {
         float x = (float)s->corner_m[i][0], z = (float)s->corner_m[i][1], y = (float)s->half_y_m;
-        edge[i] = (struct cr_img_edge){{x, -y, z}, {x, y, z}, {(uint32_t)i, (uint32_t)((i + 1) % s->sides)}, label, 0.0f};
+        edge[i] =
+            (struct cr_img_edge){{x, -y, z}, {x, y, z}, {(uint32_t)i, (uint32_t)((i + 1) % s->sides)}, label, 0.0f};
     }
 }
 
@@ -436,7 +437,8 @@ static void fill_lane(const crt_tool *t, struct cr_img_cluster *c, int lane, con
     double w[3][3], most = width_of(t, s);
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            w[i][j] = s->width_m[0] * s->width_m[0] * s->u[i] * s->u[j] + s->width_m[1] * s->width_m[1] * s->v[i] * s->v[j];
+            w[i][j] =
+                s->width_m[0] * s->width_m[0] * s->u[i] * s->u[j] + s->width_m[1] * s->width_m[1] * s->v[i] * s->v[j];
         }
     }
     double area = real ? s->area_m2 : 0.0;
@@ -743,7 +745,8 @@ static int areas_are_sound(const cr_output *out) {
 
 int crt_is_sound(const cr_output *out, const cr_config *config) {
     cr_quat q = out->display_pose.rot;
-    int good = v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && v3_is_finite(out->normal_world);
+    int good =
+        v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && v3_is_finite(out->normal_world);
     good &= v3_is_finite(out->display_pose.pos_m) && is_finite_f(q.w + q.x + q.y + q.z);
     good &= is_finite_f(out->depth_m) && out->depth_m >= 0.0f && out->area_count <= CR_AREAS_MAX;
     good &= v3_norm(out->force_world_N) <= config->force_max_N * 1.00001f;
@@ -760,7 +763,8 @@ int crt_same(const cr_output *a, const cr_output *b) {
     }
     for (uint32_t i = 0; i < a->area_count; i++) {
         const cr_area *p = &a->areas[i], *q = &b->areas[i];
-        if (memcmp(p, q, offsetof(cr_area, zones)) != 0 || memcmp(p->zones, q->zones, p->zone_count * sizeof *p->zones) != 0) {
+        if (memcmp(p, q, offsetof(cr_area, zones)) != 0 ||
+            memcmp(p->zones, q->zones, p->zone_count * sizeof *p->zones) != 0) {
             return 0;
         }
     }

@@ -513,6 +513,25 @@ static void two_drives_of_one_number_are_noticed(void **state) {
     assert_int_equal(r.faults, CR_FAULT_ALIEN);
 }
 
+static void drive_that_talks_more_than_it_may_is_babbling(void **state) {
+    (void)state;
+    rig r = make_rig();
+    run_all(&r);
+    for (int k = 0; k < 3; k++) {
+        RECEIVE(&r, 0x692, 0, 0, 0, 0, 0, 0, 0, 0);
+    }
+    send_states(&r, 0x0627);
+    period(&r);
+    assert_int_equal(r.faults, 0);
+    for (int k = 0; k < 4; k++) {
+        RECEIVE(&r, 0x692, 0, 0, 0, 0, 0, 0, 0, 0);
+    }
+    send_states(&r, 0x0627);
+    period(&r);
+    assert_int_equal(r.faults, CR_FAULT_BABBLE);
+    assert_true(r.bus.trouble_axis == 1u && r.counters.babbled == 1u);
+}
+
 static void off_sends_zero_control_words_once(void **state) {
     (void)state;
     rig r = make_rig();
@@ -582,6 +601,7 @@ int main(void) {
         cmocka_unit_test(one_frame_can_fault_the_running_bus),
         cmocka_unit_test(status_word_of_a_running_drive_must_say_enabled),
         cmocka_unit_test(two_drives_of_one_number_are_noticed),
+        cmocka_unit_test(drive_that_talks_more_than_it_may_is_babbling),
         cmocka_unit_test(off_sends_zero_control_words_once),
         cmocka_unit_test(noise_never_breaks_the_manager),
     };

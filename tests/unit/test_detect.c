@@ -48,8 +48,8 @@ static int same_sets(const detector *a, const detector *b) {
     }
     for (uint32_t i = 0; i < s->hit_count; i++) {
         const cr_hit *p = &s->hits[i], *q = &t->hits[i];
-        if (p->cluster != q->cluster || p->covered != q->covered || p->inside != q->inside || p->near != q->near || p->whole != q->whole ||
-            memcmp(&p->sum, &q->sum, sizeof p->sum) != 0) {
+        if (p->cluster != q->cluster || p->covered != q->covered || p->inside != q->inside || p->near != q->near ||
+            p->whole != q->whole || memcmp(&p->sum, &q->sum, sizeof p->sum) != 0) {
             return 0;
         }
     }
@@ -72,8 +72,8 @@ static void open_ball_on(crt_rig *rig, const crt_solid *solid) {
 }
 
 static cr_pose random_pose(uint64_t *seed, double reach) {
-    cr_pose p = crt_pose(crt_uniform(seed, -reach, reach), crt_uniform(seed, -reach, reach),
-                         crt_uniform(seed, -reach, reach));
+    cr_pose p =
+        crt_pose(crt_uniform(seed, -reach, reach), crt_uniform(seed, -reach, reach), crt_uniform(seed, -reach, reach));
     p.rot = crt_random_rotation(seed);
     return p;
 }
@@ -160,8 +160,8 @@ static void detect_costs_no_points_in_free_space(void **state) {
     detector d = make_detector(&rig, CR_SKIP_ALL, CR_COVERAGE_SOFT, &sets[0]);
     uint64_t seed = 31u;
     for (int i = 0; i < 500; i++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, -0.03, 0.03), crt_uniform(&seed, -0.03, 0.03),
-                                crt_uniform(&seed, 0.05, 2.0));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, -0.03, 0.03), crt_uniform(&seed, -0.03, 0.03), crt_uniform(&seed, 0.05, 2.0));
         pose.rot = crt_random_rotation(&seed);
         detect(&d, &rig, &pose);
         assert_int_equal(d.set->hit_count, 0);
@@ -324,7 +324,8 @@ static void detect_odometers_bound_the_motion_of_every_point(void **state) {
     for (int i = 0; i < 2000; i++) {
         cr_pose now = before;
         float slide = m.slide_m, turn = m.turn_rad;
-        cr_quat step = crt_turn(crt_uniform(&seed, -1, 1), crt_uniform(&seed, -1, 1), 1.0, crt_uniform(&seed, 0.0, 0.2));
+        cr_quat step =
+            crt_turn(crt_uniform(&seed, -1, 1), crt_uniform(&seed, -1, 1), 1.0, crt_uniform(&seed, 0.0, 0.2));
         cr_quat q = before.rot;
         now.rot = (cr_quat){step.w * q.w - step.x * q.x - step.y * q.y - step.z * q.z,
                             step.w * q.x + step.x * q.w + step.y * q.z - step.z * q.y,

@@ -208,7 +208,8 @@ static void check_bounds(const crt_solid *solid, double reach) {
                 assert_true(at.gx[i] == 0.0f && at.gy[i] == 0.0f && at.gz[i] == 0.0f);
                 assert_int_equal(cr_field_kind(&rig.field, &at, i), 0);
             } else {
-                assert_true(fabs(phi - exact) < (fabs(exact) < 3e-3 ? 2.0 * quantum : (double)rig.scene.meta->error_out_m));
+                assert_true(fabs(phi - exact) <
+                            (fabs(exact) < 3e-3 ? 2.0 * quantum : (double)rig.scene.meta->error_out_m));
             }
         }
     }

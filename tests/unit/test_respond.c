@@ -157,8 +157,8 @@ static void check_plane_through_edge(const crt_solid *solid, const cr_config *co
     crt_plane(solid, 2, left);
     open_cube(&rig, solid);
     for (int n = 0; n < 400; n++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, -5e-3, 5e-3), crt_uniform(&seed, -5e-3, 5e-3),
-                                crt_uniform(&seed, 4e-3, 9e-3));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, -5e-3, 5e-3), crt_uniform(&seed, -5e-3, 5e-3), crt_uniform(&seed, 4e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
         if (respond(&rig, &pose, config, CR_AREAS_MAX) != 1u || areas[0].zone_count != 2u) {
             continue;
@@ -207,8 +207,8 @@ static void respond_plane_of_three_zones_passes_through_their_vertex(void **stat
     uint32_t seen = 0u;
     open_cube(&rig, &block);
     for (int n = 0; n < 300; n++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, 0.0, 7e-3), crt_uniform(&seed, 20e-3, 27e-3),
-                                crt_uniform(&seed, 0.0, 7e-3));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, 0.0, 7e-3), crt_uniform(&seed, 20e-3, 27e-3), crt_uniform(&seed, 0.0, 7e-3));
         pose.rot = crt_random_rotation(&seed);
         if (respond(&rig, &pose, &config, CR_AREAS_MAX) == 1u && areas[0].zone_count == 3u) {
             const cr_area *a = &areas[0];

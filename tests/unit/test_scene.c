@@ -211,7 +211,7 @@ static cr_err with_float(uint32_t id, size_t offset_bytes, float value) {
 }
 
 /* An index of field `at` of the last record of section `id` that is just past its table. */
-#define PAST(id, type, at, word) \
+#define PAST(id, type, at, word)                                                                                       \
     with_word(id, (crt_row(good, id)->count - 1u) * sizeof(type) + offsetof(type, at), (uint32_t)(word))
 
 static void scene_refuses_an_index_past_every_table(void **state) {
@@ -314,11 +314,12 @@ static void scene_refuses_numbers_without_meaning(void **state) {
     const struct {
         size_t at;
         float value;
-    } bad[] = {{offsetof(struct cr_img_meta, brick_m), 0.0f},        {offsetof(struct cr_img_meta, brick_m), 1e5f},
-               {offsetof(struct cr_img_meta, band_m), 0.0f},         {offsetof(struct cr_img_meta, quantum_m), -1.0f},
-               {offsetof(struct cr_img_meta, error_out_m), -1e-6f},  {offsetof(struct cr_img_meta, error_in_m), -1e-6f},
-               {offsetof(struct cr_img_meta, root_radius_m), -1.0f}, {offsetof(struct cr_img_meta, ramp_max_m), -1.0f},
-               {offsetof(struct cr_img_meta, crease_m), -1.0f},      {offsetof(struct cr_img_meta, tool_radius_m), -1.0f}};
+    } bad[] = {
+        {offsetof(struct cr_img_meta, brick_m), 0.0f},        {offsetof(struct cr_img_meta, brick_m), 1e5f},
+        {offsetof(struct cr_img_meta, band_m), 0.0f},         {offsetof(struct cr_img_meta, quantum_m), -1.0f},
+        {offsetof(struct cr_img_meta, error_out_m), -1e-6f},  {offsetof(struct cr_img_meta, error_in_m), -1e-6f},
+        {offsetof(struct cr_img_meta, root_radius_m), -1.0f}, {offsetof(struct cr_img_meta, ramp_max_m), -1.0f},
+        {offsetof(struct cr_img_meta, crease_m), -1.0f},      {offsetof(struct cr_img_meta, tool_radius_m), -1.0f}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         assert_int_equal(with_float(CR_SEC_META, bad[i].at, bad[i].value), CR_ERR_VALUE);
     }

@@ -72,8 +72,8 @@ static void tick_torque_is_about_the_tool_origin(void **state) {
     uint64_t seed = 5u;
     crt_restart(&edge, NULL);
     for (int i = 0; i < 200; i++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, -6e-3, 6e-3), crt_uniform(&seed, -6e-3, 6e-3),
-                                crt_uniform(&seed, 2e-3, 8e-3));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, -6e-3, 6e-3), crt_uniform(&seed, -6e-3, 6e-3), crt_uniform(&seed, 2e-3, 8e-3));
         pose.rot = crt_random_rotation(&seed);
         cr_output out = tick(&edge, &pose);
         cr_vec3 torque = v3(0.0f, 0.0f, 0.0f), force = torque;
@@ -297,8 +297,8 @@ static void check_display(const crt_rig *rig, double low, double high, uint64_t 
     int touching = 0;
     crt_restart((crt_rig *)rig, NULL);
     for (int i = 0; i < 400; i++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, low, high), crt_uniform(&seed, -1e-3, 1e-3),
-                                crt_uniform(&seed, low, high));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, low, high), crt_uniform(&seed, -1e-3, 1e-3), crt_uniform(&seed, low, high));
         float depth = 0.0f;
         pose.rot = crt_turn(crt_uniform(&seed, -1, 1), crt_uniform(&seed, -1, 1), 0.3, crt_uniform(&seed, -0.4, 0.4));
         float left = share_left(rig, &pose, &depth);
@@ -436,7 +436,8 @@ static void check_config(cr_config config, cr_err expected) {
         cr_world *untouched = NULL;
         /* Nothing changed, and no world comes of it. */
         assert_true(fabsf(tick(&wall, &pose).force_world_N.z - 2.0f) < 2e-4f);
-        assert_int_equal(cr_world_init(&untouched, wall.memory, wall.memory_bytes, &wall.scene, &config), CR_ERR_CONFIG);
+        assert_int_equal(cr_world_init(&untouched, wall.memory, wall.memory_bytes, &wall.scene, &config),
+                         CR_ERR_CONFIG);
         assert_null(untouched);
     }
 }

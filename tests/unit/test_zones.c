@@ -110,8 +110,8 @@ static void zones_areas_are_the_connected_components_of_the_hits(void **state) {
     open_boxes(&rig, &room, two_boxes, 2);
     const cr_scene *s = &rig.scene;
     for (int n = 0; n < 300; n++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, -4e-3, 4e-3), crt_uniform(&seed, -6e-3, 6e-3),
-                                crt_uniform(&seed, -6e-3, 6e-3));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, -4e-3, 4e-3), crt_uniform(&seed, -6e-3, 6e-3), crt_uniform(&seed, -6e-3, 6e-3));
         pose.rot = crt_random_rotation(&seed);
         group(&rig, &pose);
         uint32_t label[CR_CLUSTERS_MAX], found = 0u;

@@ -333,7 +333,7 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
         np.concatenate([_unit(area), spots.normal]),
         spread,
         0.5 * np.maximum(widest, 0.1 * spacing_m),
-        np.concatenate([_reach(surface, position, spacing_m), half]),
+        np.concatenate([_reach(surface, position, cells.patch, spacing_m), half]),
         np.arange(count + len(spot_area)) >= count,
         np.concatenate([np.zeros(count, bool), half > 0]),
         np.concatenate([np.zeros(count, bool), half == 0]),
@@ -341,9 +341,12 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
     )
 
 
-def _reach(surface: Surface, position: F64, spacing_m: float) -> F64:
-    """How far each sample may stand for the surface round it: not over a crease."""
-    reach = np.full(len(position), REACH * spacing_m)
+def _reach(surface: Surface, position: F64, patch: I64, spacing_m: float) -> F64:
+    """How far each sample may stand for the surface round it: not over a crease, and not in flat faces, whose lowest point is
+    on a crease or at a corner anyway.
+    """
+    facets = np.bincount(surface.facet_patch, minlength=surface.counts["patches"])
+    reach = np.where(facets[patch] > 1, REACH * spacing_m, 0.0)
     edge = surface.creases.ends_m
     if len(edge) == 0:
         return reach

@@ -22,8 +22,8 @@ def add_parser(sub: SubParsers) -> None:
         "hil",
         help="close the loop: servo, bus, drives, mechanism and operator along a path",
         description="An operator leads the tool along a path while the servo of the firmware renders the contact. "
-        "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. socketcan: `creased` "
-        "and `crease sim` on a real interface.",
+        "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. "
+        "socketcan: `creased` and `crease sim` on a real interface.",
     )
     parser.add_argument("scene", metavar="SCENE.crs", type=Path)
     parser.add_argument(

@@ -1,0 +1,122 @@
+"""Golden replays: no accuracy figure of a test scene may get worse than tests/golden/bounds.csv says.
+
+The exact tables in tests/golden/exact come from a program of their own (tests/golden/gen); the figures are those of
+`make bench` (tests/bench/bench.py, crease.measures). To refresh the bounds after a change that is meant to move them:
+
+    make scenes
+    .venv/bin/python tests/golden/test_golden.py --write
+
+That measures every scene anew and writes each figure times 1.15, rounded up. Look at the difference before committing it: a
+bound that grows is a loss of accuracy and needs its reason in the commit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent / "bench")]
+
+import bench  # noqa: E402
+from crease.measures import Accuracy  # noqa: E402
+from crease.replay import ReplayOptions  # noqa: E402
+from crease.scene import open_scene  # noqa: E402
+from crease.scenes import SceneSpec, load_specs  # noqa: E402
+from crease.trajectory import load_trajectory  # noqa: E402
+
+BOUNDS = HERE / "bounds.csv"
+ROOM = 1.15
+"""How much worse than measured a figure may get."""
+LEAST = {"mm": 1e-4, "deg": 1e-3}
+"""Bounds below these would be about rounding: 0.1 um, a thousandth of a degree."""
+MEASURES = (
+    "force_rms_mm",
+    "force_max_mm",
+    "direction_p99_deg",
+    "direction_max_deg",
+    "depth_rms_mm",
+    "depth_max_mm",
+    "amplification",
+    "step_max_deg",
+)
+SPECS: dict[str, SceneSpec] = {
+    name: spec
+    for name, spec in load_specs(bench.ROOT / "meshes" / "scenes.toml", bench.MESHES).items()
+    if spec.exact is not None
+}
+
+
+@cache
+def figures(name: str) -> Accuracy:
+    """The figures of a scene with the default settings."""
+    spec = SPECS[name]
+    assert spec.exact is not None
+    scene, path = open_scene(bench.SCENES / f"{name}.crs"), load_trajectory(spec.path)
+    exact = bench.read_exact(bench.EXACT / spec.exact)
+    return bench.measure(scene, path, exact, spec, ReplayOptions())
+
+
+def read_bounds() -> dict[tuple[str, str], float]:
+    """Bound of each (scene, measure)."""
+    with BOUNDS.open(encoding="utf-8", newline="") as file:
+        return {(row["scene"], row["measure"]): float(row["bound"]) for row in csv.DictReader(file)}
+
+
+def bound_of(measure: str, value: float) -> float:
+    """The bound for a measured value: with room, three digits, rounded up."""
+    value = max(value * ROOM, LEAST.get(measure.rsplit("_", 1)[-1], 0.0))
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.ceil(value / step - 1e-9) * step:.6g}")
+
+
+def write_bounds() -> None:
+    """Measure every scene and write the table."""
+    with BOUNDS.open("w", encoding="utf-8", newline="") as file:
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(("scene", "measure", "bound"))
+        for name in SPECS:
+            for measure in MEASURES:
+                bound = bound_of(measure, float(getattr(figures(name), measure)))
+                out.writerow((name, measure, f"{bound:g}"))
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+@pytest.mark.parametrize("name", SPECS)
+def test_figure_stays_within_its_bound(name: str, measure: str) -> None:
+    assert getattr(figures(name), measure) <= read_bounds()[name, measure]
+
+
+def test_every_scene_with_an_exact_table_has_its_bounds() -> None:
+    assert set(read_bounds()) == {(name, measure) for name in SPECS for measure in MEASURES}
+
+
+def test_every_exact_table_belongs_to_a_scene() -> None:
+    assert {path.name for path in bench.EXACT.iterdir()} == {s.exact for s in SPECS.values()}
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_replay_has_contact_to_speak_of(name: str) -> None:
+    """A path that misses its object would pass everything above."""
+    assert figures(name).ticks > 100
+
+
+def main() -> int:
+    """Command line: see the module."""
+    parser = argparse.ArgumentParser(description="Bounds of the golden replays.")
+    parser.add_argument("--write", action="store_true", help=f"measure and write {BOUNDS.name}")
+    if not parser.parse_args().write:
+        parser.error("nothing to do without --write; the tests are run by pytest")
+    write_bounds()
+    print(BOUNDS)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
