@@ -165,7 +165,8 @@ coverage: build/.host c-tests-cov build/scenes/.stamp ## lines and branches that
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
-	$(PY) tests/bench/bench.py
+	$(PY) tests/bench/bench.py --figures build/bench
+	$(PY) tests/bench/bake.py
 
 bench-loop: build/.host ## stability of the closed loop: the simulator against theory
 	cd tests/bench && $(abspath $(PY)) loop.py
@@ -200,8 +201,8 @@ lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
 
 lint-clang-tidy:
-	@echo clang-tidy $(FIRMWARE_C) $(NATIVE_C) $(SIM_C)
-	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(NATIVE_C) $(SIM_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	@echo clang-tidy $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
 	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
 
 lint-cppcheck:

@@ -9,7 +9,6 @@ bytes and must be closed (each directed edge once, its reverse once) with positi
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -81,7 +80,7 @@ def write_file(path: Path, data: bytes) -> None:
     """Write all or nothing."""
     part = path.with_name(path.name + ".part")
     part.write_bytes(data)
-    os.replace(part, path)
+    part.replace(path)
 
 
 def stl_bytes(name: str, mesh: shapes.Mesh) -> bytes:

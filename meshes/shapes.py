@@ -73,7 +73,7 @@ def tessellated_box(lo: Sequence[float], hi: Sequence[float], triangles: int, se
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     blocks = [low + corners * size]
     for axis in range(3):
-        count = max(int(round(size[axis] / spacing)) - 1, 0) if triangles > 12 else 0
+        count = max(round(size[axis] / spacing) - 1, 0) if triangles > 12 else 0
         for corner in corners[corners[:, axis] == 0]:
             start = low + corner * size
             end = start.copy()
@@ -122,7 +122,7 @@ def cylinder_y(radius_mm: float, length_mm: float, sides: int, rings: int) -> Me
     angle = 2.0 * np.pi * np.arange(sides) / sides
     ring = np.column_stack([radius_mm * np.sin(angle), np.zeros(sides), radius_mm * np.cos(angle)])
     levels = np.linspace(-0.5, 0.5, rings + 1) * length_mm
-    vertices = np.concatenate([ring + [0.0, y, 0.0] for y in levels])
+    vertices = np.concatenate([ring + np.array([0.0, y, 0.0]) for y in levels])
     faces = []
     for r in range(rings):
         for i in range(sides):

@@ -13,21 +13,22 @@ import numpy.typing as npt
 F64 = npt.NDArray[np.float64]
 
 DEEP_M = 0.2e-3
-"""Directions are compared where the exact contact is deeper than this and its force larger than k times this: two opposite
-areas may cancel."""
+"""Directions are compared where the exact contact is deeper than this and its force larger than k times this: two
+opposite areas may cancel."""
 FREE_FALL_N = 1e-9
 
 
 def angle_deg(a: F64, b: F64) -> F64:
     """Angle between rows of a and b (n, 3), exact for small angles; 0 where a row is zero."""
     cross = np.linalg.norm(np.cross(a, b), axis=1)
-    return np.degrees(np.arctan2(cross, np.einsum("nx,nx->n", a, b)))
+    return np.asarray(np.degrees(np.arctan2(cross, np.einsum("nx,nx->n", a, b))))
 
 
 def motion_m(position_m: F64, quaternion: F64, corners_m: F64) -> F64:
     """Largest displacement of any point of the tool from each tick to the next.
 
-    Shapes: position_m (n, 3), quaternion (n, 4) scalar first, corners_m (m, 3) of a box round the tool; result (n - 1,).
+    Shapes: position_m (n, 3), quaternion (n, 4) scalar first, corners_m (m, 3) of a box round the tool;
+    result (n - 1,).
     """
     w, x, y, z = quaternion.T
     rows = np.array(
@@ -81,7 +82,9 @@ def compare(
 ) -> Accuracy:
     """Every measure of one replay. Shapes: (n, 3) forces, (n,) depths, (n - 1,) moved_m."""
     contact = (exact_depth_m > 0) | (depth_m > 0)
-    deep = (exact_depth_m > DEEP_M) & (np.linalg.norm(exact_force_N, axis=1) > stiffness_N_m * DEEP_M)
+    deep = (exact_depth_m > DEEP_M) & (
+        np.linalg.norm(exact_force_N, axis=1) > stiffness_N_m * DEEP_M
+    )
     force_mm = np.linalg.norm(force_N - exact_force_N, axis=1) / stiffness_N_m * 1e3
     depth_mm = np.abs(depth_m - exact_depth_m) * 1e3
     turn = angle_deg(force_N, exact_force_N)[deep]

@@ -372,7 +372,7 @@ void crb_mesh_free(crb_mesh *m) {
 static int allocate(crb_mesh *m, int64_t nv, int64_t nt) {
     m->vertices = malloc((size_t)nv * sizeof *m->vertices);
     m->vertex_normal = calloc((size_t)nv, sizeof *m->vertex_normal);
-    m->triangles = malloc((size_t)nt * 3 * sizeof *m->triangles);
+    m->triangles = calloc((size_t)nt * 3, sizeof *m->triangles);
     m->neighbour = malloc((size_t)nt * 3 * sizeof *m->neighbour);
     m->normal = malloc((size_t)nt * sizeof *m->normal);
     m->area = malloc((size_t)nt * sizeof *m->area);

@@ -14,17 +14,21 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import numpy.typing as npt
-from crease.measures import Accuracy, compare, motion_m
+from crease.measures import DEEP_M, Accuracy, angle_deg, compare, direction_steps_deg, motion_m
 from crease.replay import ReplayOptions, World, run_path
 from crease.scene import Scene, open_scene
 from crease.scenes import SceneSpec, load_specs
 from crease.trajectory import Trajectory, load_trajectory
 
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+
 ROOT = Path(__file__).resolve().parents[2]
 MESHES = ROOT / "build" / "meshes"
-SCENES = Path(__import__("os").environ.get("CREASE_SCENES", str(ROOT / "build" / "scenes")))
+SCENES = ROOT / "build" / "scenes"
 EXACT = ROOT / "tests" / "golden" / "exact"
 F64 = npt.NDArray[np.float64]
 
@@ -143,21 +147,70 @@ def free_cost_us(scene: Scene, path: Trajectory) -> float:
 
 def cost_table(specs: dict[str, SceneSpec], repeat: int) -> dict[str, dict[str, float]]:
     """Print and return scene x cost."""
-    print(
-        f"\n{'scene':16s} {'contact us':>27s} {'near':>6s} {'free':>6s} {'points':>7s} {'inside':>7s} {'state':>8s} {'image':>9s}"
+    head = (
+        f"{'contact us':>27s}",
+        f"{'near':>6s}",
+        f"{'free':>6s}",
+        f"{'points':>7s}",
+        f"{'inside':>7s}",
     )
-    print(
-        f"{'':16s} {'p50':>9s}{'p99':>9s}{'max':>9s} {'us':>6s} {'us':>6s} {'p50':>7s} {'p50':>7s} {'bytes':>8s} {'bytes':>9s}"
+    units = (
+        f"{'p50':>9s}{'p99':>9s}{'max':>9s}",
+        f"{'us':>6s}",
+        f"{'us':>6s}",
+        f"{'p50':>7s}",
+        f"{'p50':>7s}",
     )
+    print(f"\n{'scene':16s}", *head, f"{'state':>8s} {'image':>9s}")
+    print(f"{'':16s}", *units, f"{'bytes':>8s} {'bytes':>9s}")
     results = {}
     for name, spec in specs.items():
         c = results[name] = cost_of(name, spec, repeat)
         print(
-            f"{name:16s} {c['contact_p50_us']:9.2f}{c['contact_p99_us']:9.2f}{c['contact_max_us']:9.2f} {c['free_p50_us']:6.2f}"
-            f" {c['free_away_us']:6.3f} {c['points_p50']:7.0f} {c['contacts_p50']:7.0f} {c['state_bytes']:8.0f} {c['image_bytes']:9.0f}",
+            f"{name:16s} {c['contact_p50_us']:9.2f}{c['contact_p99_us']:9.2f}{c['contact_max_us']:9.2f}"
+            f" {c['free_p50_us']:6.2f} {c['free_away_us']:6.3f} {c['points_p50']:7.0f} {c['contacts_p50']:7.0f}"
+            f" {c['state_bytes']:8.0f} {c['image_bytes']:9.0f}",
             flush=True,
         )
     return results
+
+
+def draw_scene(name: str, spec: SceneSpec, folder: Path) -> Path:
+    """Force and direction of every method beside the exact curve, as a picture."""
+    assert spec.exact is not None
+    scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
+    exact = read_exact(EXACT / spec.exact)
+    exact_N = np.column_stack([exact[f"f{a}_mm"] for a in "xyz"]) * 1e-3 * spec.stiffness_N_m
+    figure, axes = plt.subplots(3, 1, figsize=(9, 9), sharex=True, layout="constrained")
+    for method, options in METHODS.items():
+        force_N = run_path(scene, path, options)["force_N"].astype(np.float64)
+        style = {"lw": 1.8 if method == "soft" else 0.9, "zorder": 3 if method == "soft" else 2}
+        axes[0].plot(path.t_s, np.linalg.norm(force_N, axis=1), label=method, **style)
+        counts = np.linalg.norm(exact_N, axis=1) > DEEP_M * spec.stiffness_N_m
+        axes[1].plot(
+            path.t_s, np.where(counts, angle_deg(force_N, exact_N), np.nan), label=method, **style
+        )
+        axes[2].plot(path.t_s[1:], direction_steps_deg(force_N, counts), label=method, **style)
+    axes[0].plot(path.t_s, np.linalg.norm(exact_N, axis=1), "k--", lw=1.0, label="exact", zorder=4)
+    axes[2].plot(
+        path.t_s[1:], direction_steps_deg(exact_N, counts), "k--", lw=1.0, label="exact", zorder=4
+    )
+    axes[0].set_ylabel("|F|, N")
+    axes[1].set_ylabel("angle to exact, deg")
+    axes[2].set_ylabel("direction step, deg per tick")
+    axes[2].set_xlabel("time, s")
+    for axis in axes[1:]:
+        axis.set_yscale("symlog", linthresh=0.1)
+        axis.set_ylim(bottom=0.0)
+    axes[0].legend(loc="upper right", ncols=4)
+    axes[0].set_title(f"{name}: {spec.about}", fontsize=9)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{name}.png"
+    figure.savefig(target, dpi=110)
+    plt.close(figure)
+    return target
 
 
 def main() -> None:
@@ -168,12 +221,18 @@ def main() -> None:
         "--repeat", type=int, default=20, help="replays for the least cost of each pose"
     )
     parser.add_argument("--json", type=Path, help="write all figures here")
+    parser.add_argument(
+        "--figures", type=Path, help="draw each scene beside the exact curve in this folder"
+    )
     args = parser.parse_args()
     specs = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)
     specs = {n: s for n, s in specs.items() if not args.scene or n in args.scene}
     print(f"machine: {machine()}\n")
     accuracy = accuracy_table(specs)
     cost = cost_table(specs, args.repeat)
+    if args.figures:
+        for name in accuracy:
+            print(draw_scene(name, specs[name], args.figures))
     if args.json:
         found = {n: {m: asdict(a) for m, a in row.items()} for n, row in accuracy.items()}
         args.json.write_text(

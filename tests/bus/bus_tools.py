@@ -52,7 +52,7 @@ class Link:
         while (message := self.bus.recv(timeout=0)) is not None:
             self.heard.append(message)
 
-    def wait(self, cob: int, timeout_s: float = 1.0) -> can.Message:
+    def wait(self, cob: int, timeout_s: float = 10.0) -> can.Message:
         """The next frame with this identifier.   Errors: AssertionError when none comes."""
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
@@ -62,6 +62,10 @@ class Link:
                 if message.arbitration_id == cob:
                     return message
         raise AssertionError(f"no frame 0x{cob:03X} within {timeout_s} s on {self.transport}")
+
+    def settle(self) -> None:
+        """Until the drives have handled all that was sent: they answer in order. However slow the machine is."""
+        self.read(NODES[0], 0x1000, 0)
 
     def frames(self, cob: int) -> list[bytes]:
         """Payloads heard so far with this identifier."""
@@ -197,6 +201,7 @@ def torques(*permille: int) -> bytes:
 
 def last_state(link: Link, node: int) -> tuple[int, int, int]:
     """Position, torque, statusword of the newest state frame."""
+    link.settle()
     data = link.frames(0x180 + node)[-1]
     word = int.from_bytes
     return (

@@ -6,8 +6,8 @@ The exact tables in tests/golden/exact come from a program of their own (tests/g
     make scenes
     .venv/bin/python tests/golden/test_golden.py --write
 
-That measures every scene anew and writes each figure times 1.15, rounded up. Look at the difference before committing it: a
-bound that grows is a loss of accuracy and needs its reason in the commit.
+That measures every scene anew and writes each figure times 1.15, rounded up. Look at the difference before committing
+it: a bound that grows is a loss of accuracy and needs its reason in the commit.
 """
 
 from __future__ import annotations

@@ -60,6 +60,22 @@ def test_second_host_is_refused(scene: Path) -> None:
         assert "alien" in second.stdout
 
 
+def test_bus_without_drives_is_told(scene: Path) -> None:
+    command = [
+        str(CREASED),
+        "--config",
+        str(DEVICE),
+        "--interface",
+        CHANNEL,
+        "--seconds",
+        "1.2",
+        str(scene),
+    ]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert said.returncode == 3
+    assert "no answer from drive X (node 0x11) Y (node 0x12) Z (node 0x13)" in said.stderr
+
+
 def test_hil_over_the_bus_records_and_runs_again(scene: Path, tmp_path: Path) -> None:
     path, record = tmp_path / "path.csv", tmp_path / "hil.crr"
     z = np.r_[np.linspace(0.014, 0.008, 400), np.full(300, 0.008)]

@@ -86,11 +86,10 @@ def part() -> Solid:
     mesh.apply_scale(25.4)
     mesh.apply_translation(-mesh.bounds.mean(axis=0))
     made = manifold3d.Manifold(
-        manifold3d.Mesh(
-            np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32)
-        )
+        manifold3d.Mesh(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32))
     )
-    assert made.status() == manifold3d.Error.NoError and made.volume() > 0
+    assert made.status() == manifold3d.Error.NoError
+    assert made.volume() > 0
     return made
 
 
@@ -157,8 +156,8 @@ def random_rotations(rng: np.random.Generator, count: int) -> F64:
 def poses_near(rng: np.random.Generator, of: Pair, count: int, deep_m: float, away_m: float) -> F64:
     """Poses (n, 7) that bring a random sample of the tool to a random place near the static surface.
 
-    The place lies between deep_m inside and away_m outside along the surface normal there; the sample's own normal points
-    towards the surface within some 50 degrees, so that convex pairs touch there and nowhere deeper.
+    The place lies between deep_m inside and away_m outside along the surface normal there; the sample's own normal
+    points towards the surface within some 50 degrees, so that convex pairs touch there and nowhere deeper.
     """
     vertices, faces = surface_of(of.static)
     sides = vertices[faces]

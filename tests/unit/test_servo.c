@@ -85,7 +85,7 @@ static loop make_loop(void) {
     l.hand_N_m = 400.0;
     l.now_ns = 1000u * MS;
     l.period_s = 1e-3f;
-    l.record_max = 20000u;
+    l.record_max = 5000u;
     l.records = malloc(l.record_max * sizeof *l.records);
     return l;
 }

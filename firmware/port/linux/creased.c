@@ -1,7 +1,7 @@
 /* creased: the servo on a Linux machine with SocketCAN. One real-time loop; one thread for the file, the commands and the text.
  *
  * Exit status  0 stopped as asked; 1 the record could not be written; 2 wrong command line, configuration or scene; 3 the bus cannot
- *              be reached; 4 stopped in fault. */
+ *              be reached, or not all drives answered; 4 stopped in fault. */
 #define _GNU_SOURCE /* NOLINT: getopt_long */
 #include "can.h"
 #include "device.h"
@@ -50,7 +50,7 @@ typedef struct {
     atomic_int wrist_counts[3];
     atomic_int done, quit, write_failed;
     uint64_t ticks, skipped, late_max_ns;
-    uint32_t final_mode, final_faults; /* for the last lines */
+    uint32_t final_mode, final_faults, final_seen; /* for the last lines */
 } daemon_state;
 
 static volatile sig_atomic_t stop_asked;
@@ -262,6 +262,7 @@ static void run_loop(daemon_state *d) {
         if (stop && stopping == 0) {
             d->final_mode = mode;
             d->final_faults = cr_servo_get_status(d->servo).faults;
+            d->final_seen = cr_servo_get_status(d->servo).axes_seen;
         }
         stopping += stop || stopping > 0 ? 1 : 0;
         uint32_t commands = stopping == 1 ? (uint32_t)CR_COMMAND_STOP : stopping > 1 ? (uint32_t)CR_COMMAND_OFF : 0u;
@@ -443,6 +444,17 @@ static void say_end(const daemon_state *d) {
     }
 }
 
+static int say_missing(const daemon_state *d) {
+    fprintf(stderr, "error: no answer from drive");
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        if ((d->final_seen >> a & 1u) == 0u) {
+            fprintf(stderr, " %c (node 0x%02x)", (int)"XYZ"[a], 0x11u + (unsigned)a);
+        }
+    }
+    fprintf(stderr, "; is it powered, and on this bus?\n");
+    return EXIT_BUS;
+}
+
 int main(int argc, char **argv) {
     static daemon_state d;
     int status = set_up(&d, argc, argv);
@@ -466,5 +478,8 @@ int main(int argc, char **argv) {
         return complain(EXIT_RECORD, "the record was not written whole");
     }
     say_end(&d);
+    if (d.final_mode == CR_MODE_INIT) {
+        return say_missing(&d);
+    }
     return d.final_mode == CR_MODE_FAULT ? EXIT_FAULT : EXIT_DONE;
 }

@@ -76,7 +76,7 @@ def measure_errors(
     """The error fields of the image's meta section, in m.
 
     error_max_m, error_rms_m: near the surface. error_out_m, error_in_m: how far a distance may overstate the way to the
-    surface (anywhere, outside and inside) plus how far one near the surface may be off: what a skip has to leave room for.
+    surface (anywhere, outside and inside) plus how far one near the surface may be off: what a skip leaves room for.
     """
     points = np.concatenate(
         [surface_probes(surface, grid.near_m, PROBES), brick_probes(grid, top, PROBES)]

@@ -76,7 +76,7 @@ class Shell:
 
 def _unit(v: F64) -> F64:
     length = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.divide(v, length, out=np.zeros_like(v), where=length > 0)
+    return np.asarray(np.divide(v, length, out=np.zeros_like(v), where=length > 0))
 
 
 def fine_points(surface: Surface, area_m2: float) -> tuple[F64, F64, I64]:
@@ -117,7 +117,7 @@ class Cells:
 
 
 def relax(points: F64, areas: F64, patch: int, spacing_m: float) -> Cells:
-    """Fine points of one patch gathered into cells: positions on the surface, area vectors that add up to the whole, and the
+    """Fine points of one patch gathered into cells: positions on the surface, area vectors that add up, and the
     second moment of each cell about its middle.
 
     A centroidal Voronoi tessellation in the space of position and weighted normal.
@@ -134,7 +134,9 @@ def relax(points: F64, areas: F64, patch: int, spacing_m: float) -> Cells:
         _, label = np.unique(label, return_inverse=True)
     count = int(label.max()) + 1
     middle = _means(points, weight, label)
-    area = np.column_stack([np.bincount(label, areas[:, k], count) for k in range(3)])
+    area = np.column_stack([np.bincount(label, areas[:, k], count) for k in range(3)]).astype(
+        np.float64
+    )
     direction = _unit(area)
     near = cKDTree(points).query(middle)[1]
     lift = np.einsum("nx,nx->n", points[near] - middle, direction)
@@ -147,7 +149,9 @@ def _second_moment(points: F64, areas: F64, middle: F64, label: I64) -> F64:
     weight = np.linalg.norm(areas, axis=1)
     d = points - middle[label]
     normal = _unit(areas)
-    own = FINE_SPREAD * weight[:, None, None] * (np.eye(3) - normal[:, :, None] * normal[:, None, :])
+    own = (
+        FINE_SPREAD * weight[:, None, None] * (np.eye(3) - normal[:, :, None] * normal[:, None, :])
+    )
     moment = (d[:, :, None] * d[:, None, :] + own).reshape(-1, 9)
     return _means(moment, weight, label).reshape(-1, 3, 3)
 
@@ -159,7 +163,8 @@ def make_cells(surface: Surface, spacing_m: float) -> Cells:
     order = np.argsort(patch, kind="stable")
     bounds = np.flatnonzero(np.diff(patch[order])) + 1
     parts = [
-        relax(points[rows], areas[rows], int(patch[rows[0]]), spacing_m) for rows in np.split(order, bounds)
+        relax(points[rows], areas[rows], int(patch[rows[0]]), spacing_m)
+        for rows in np.split(order, bounds)
     ]
     return Cells(
         np.concatenate([c.position_m for c in parts]),
@@ -215,7 +220,7 @@ def vertex_normals(surface: Surface) -> tuple[F64, F64]:
 
 @dataclass(frozen=True)
 class Features:
-    """What sticks out of a tool besides its faces: corners, and its convex creases cut into straight pieces without a gap.
+    """What sticks out of a tool besides its faces: corners, and convex creases cut into straight pieces without a gap.
 
     Shapes: position_m (middle of the piece), normal, half_m (vector from the middle to one end, 0 at corners) (n, 3).
     """
@@ -226,16 +231,20 @@ class Features:
 
 
 def feature_points(surface: Surface, spacing_m: float) -> Features:
-    """Corners of creases, other vertices that stick out (a fine, nearly flat tessellation has none), and crease pieces."""
+    """Corners of creases, other vertices that stick out (a fine, nearly flat surface has none), and crease pieces."""
     v = surface.mesh.vertices_m
     normal, turn = vertex_normals(surface)
     ends = surface.creases.ends_m[surface.creases.convex]
     chains, tips = crease_chains(ends)
-    lengths = np.linalg.norm(v[surface.mesh.triangles] - v[surface.mesh.triangles[:, [1, 2, 0]]], axis=2)
+    lengths = np.linalg.norm(
+        v[surface.mesh.triangles] - v[surface.mesh.triangles[:, [1, 2, 0]]], axis=2
+    )
     coarse = float(np.median(lengths)) > spacing_m
     on_crease = np.isin(_keys(v), _keys(ends.reshape(-1, 3)))
     first = np.flatnonzero(np.isin(_keys(v), _keys(tips)))
-    rest = np.flatnonzero(~on_crease & (coarse | (turn > 1 - np.cos(np.radians(10.0)))) & (turn > 1e-6))
+    rest = np.flatnonzero(
+        ~on_crease & (coarse | (turn > 1 - np.cos(np.radians(10.0)))) & (turn > 1e-6)
+    )
     rest = rest[np.argsort(-turn[rest], kind="stable")]
     rest = rest[thin(v[rest], 0.5 * spacing_m, v[first])]
     vertices = np.concatenate([first, rest])
@@ -260,10 +269,12 @@ def cut_chain(chain: F64, spacing_m: float) -> tuple[F64, F64]:
 
 
 def crease_chains(ends: F64) -> tuple[list[F64], F64]:
-    """Creases (n, 2, 3) joined into polylines that run straight on, and their tips: where creases turn, branch or end."""
+    """Creases (n, 2, 3) joined into polylines that run straight on, and their tips: where they turn, branch or end."""
     if len(ends) == 0:
         return [], np.zeros((0, 3))
-    keys, index, inverse = np.unique(_keys(ends.reshape(-1, 3)), return_index=True, return_inverse=True)
+    keys, index, inverse = np.unique(
+        _keys(ends.reshape(-1, 3)), return_index=True, return_inverse=True
+    )
     node = inverse.reshape(-1, 2)
     points = ends.reshape(-1, 3)[index]
     along = _unit(ends[:, 1] - ends[:, 0])
@@ -318,7 +329,9 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
     spots = feature_points(surface, spacing_m)
     spot_area = FEATURE_AREA * spacing_m**2 * spots.normal
     some = len(spots.position_m) > 0
-    spot_patch = cells.patch[cKDTree(position).query(spots.position_m)[1]] if some else np.zeros(0, np.int64)
+    spot_patch = (
+        cells.patch[cKDTree(position).query(spots.position_m)[1]] if some else np.zeros(0, np.int64)
+    )
     # The closed surface's area vectors add up to zero; the features' little areas must not spoil that.
     area = cells.area_m2 - (cells.area_m2.sum(axis=0) + spot_area.sum(axis=0)) / count
     spread = np.concatenate(
@@ -342,8 +355,8 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
 
 
 def _reach(surface: Surface, position: F64, patch: I64, spacing_m: float) -> F64:
-    """How far each sample may stand for the surface round it: not over a crease, and not in flat faces, whose lowest point is
-    on a crease or at a corner anyway.
+    """How far each sample may stand for the surface round it: not over a crease, and not in flat faces, whose lowest
+    point is on a crease or at a corner anyway.
     """
     facets = np.bincount(surface.facet_patch, minlength=surface.counts["patches"])
     reach = np.where(facets[patch] > 1, REACH * spacing_m, 0.0)
@@ -353,7 +366,7 @@ def _reach(surface: Surface, position: F64, patch: I64, spacing_m: float) -> F64
     longest = np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1).max()
     step = np.linspace(0.0, 1.0, 1 + int(np.clip(np.ceil(4 * longest / spacing_m), 1, 2000)))
     line = edge[:, :1] + step[None, :, None] * (edge[:, 1:] - edge[:, :1])
-    return np.minimum(reach, cKDTree(line.reshape(-1, 3)).query(position)[0])
+    return np.asarray(np.minimum(reach, cKDTree(line.reshape(-1, 3)).query(position)[0]))
 
 
 def halve(points: F64, ids: I64, most: int) -> list[I64]:
@@ -375,7 +388,7 @@ def halve(points: F64, ids: I64, most: int) -> list[I64]:
 
 
 def cluster_order(samples: Samples, spacing_m: float) -> list[I64]:
-    """Samples in clusters of at most LANES, each on one patch (tiny patches share), neighbours near each other in the list."""
+    """Samples in clusters of at most LANES, each on one patch (tiny patches share), neighbours near in the list."""
     lifted = np.hstack([samples.position_m, CLUSTER_NORMAL_WEIGHT * spacing_m * samples.normal])
     size = np.bincount(samples.patch)[samples.patch]
     home = np.where(size >= SMALL_PATCH, samples.patch, -1)
@@ -403,7 +416,14 @@ def _up(values: F64 | float) -> Any:
     return np.float32(np.asarray(values) * (1 + 1e-6) + 1e-9)
 
 
-SPREAD_FIELDS = {"wxx": (0, 0), "wyy": (1, 1), "wzz": (2, 2), "wxy": (0, 1), "wyz": (1, 2), "wzx": (2, 0)}
+SPREAD_FIELDS = {
+    "wxx": (0, 0),
+    "wyy": (1, 1),
+    "wzz": (2, 2),
+    "wxy": (0, 1),
+    "wyz": (1, 2),
+    "wzx": (2, 0),
+}
 
 
 def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:

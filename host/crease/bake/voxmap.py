@@ -37,7 +37,7 @@ PROBE_SIDE = 5
 PROBE_MARGIN = 0.4
 """How far, in cells, the probes reach beyond the cell: planes that only just matter inside are seen."""
 REACH_VOXELS = 4
-"""Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more clusters look."""
+"""Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more looks."""
 BRICKS_MAX = 1_000_000
 GRID_MAX = 200_000_000
 
@@ -46,8 +46,8 @@ GRID_MAX = 200_000_000
 class Grid:
     """Brick grid. Shapes: origin_m (3,); dims x, y, z.
 
-    near_m: up to this distance samples of the tool are covered, and distances have to be right. reach_m: bricks this close to
-    the surface hold distances, so that spheres of the tool's tree can be told free.
+    near_m: up to this distance samples of the tool are covered, and distances have to be right. reach_m: bricks this
+    close to the surface hold distances, so that spheres of the tool's tree can be told free.
     """
 
     origin_m: F64
@@ -284,7 +284,7 @@ class CellSorter:
     def _plain_cells(
         self, phi: F64, facet: I32, patch: I32
     ) -> tuple[I32, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Cells of one brick by their corners: kinds, whether the corners disagree on the patch, whether the surface is near."""
+        """Cells of one brick by their corners: kinds, whether corners disagree on the patch, whether it is near."""
         shape = (CELLS_SIDE,) * 3
         corners_phi = np.abs(_corners(phi))
         close = (corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m).reshape(

@@ -1,0 +1,69 @@
+"""Far too small capacities: every overflow is counted, and the answers stay finite, limited and inside their memory."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from property_scenes import NAMES, ROOT, SEED, as_path, pair, poses_near
+
+FLAGS = [
+    *("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-O1", "-g"),
+    *("-fsanitize=address,undefined", "-fno-sanitize-recover=all"),
+]
+BUILDS = {
+    "default": (),
+    "clusters": ("-DCR_CLUSTERS_MAX=16",),
+    "touches": ("-DCR_TOUCHES_MAX=16",),
+    "kernels": ("-DCR_KERNELS_MAX=64",),
+    "areas": ("-DCR_AREAS_MAX=1",),
+    "zones": ("-DCR_ZONES_MAX=3",),
+    "all": (
+        *("-DCR_CLUSTERS_MAX=16", "-DCR_TOUCHES_MAX=16", "-DCR_KERNELS_MAX=64"),
+        *("-DCR_AREAS_MAX=1", "-DCR_ZONES_MAX=3"),
+    ),
+}
+OVERFLOWS = {"clusters", "kernels", "all"}
+"""Builds that must overflow in the scenes below; the others may."""
+STAGES = ("scene", "field", "detect", "zones", "respond", "tick")
+POSES = 80
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("capacities")
+
+
+def build(folder: Path, name: str) -> Path:
+    """The program with these capacities, under sanitizers."""
+    program = folder / name
+    stages = [ROOT / f"firmware/{s}.c" for s in STAGES]
+    sources = [ROOT / "tests/check/capacities.c", ROOT / "host/native/replay.c", *stages]
+    includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]
+    command = ["gcc", *FLAGS, *BUILDS[name], *includes, *sources, "-lm", "-o", program]
+    subprocess.run(command, check=True)
+    return program
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUILDS)
+def test_overflow_is_counted_and_harmless(folder: Path, name: str) -> None:
+    program, overflows = build(folder, name), 0
+    for scene_name in NAMES:
+        of = pair(scene_name)
+        image, path = folder / f"{scene_name}.crs", folder / f"{scene_name}.bin"
+        image.write_bytes(of.scene.image.tobytes())
+        poses = poses_near(np.random.default_rng(SEED), of, POSES, 5e-3, 0.0)
+        as_path(poses).rows.astype("<f8").tofile(path)
+        for coverage in ("0", "1"):
+            for skip in ("0", "7"):
+                command = [str(part) for part in (program, image, path, coverage, skip)]
+                done = subprocess.run(command, capture_output=True, text=True, check=False)
+                assert done.returncode == 0, done.stderr
+                ticks, touching, over, _ = done.stdout.split()
+                assert int(ticks) == POSES
+                assert int(touching) > POSES // 3
+                overflows += int(over)
+    assert overflows > 0 or name not in OVERFLOWS
