@@ -106,7 +106,8 @@ static float share_below(float h, float width, float most) {
 
 /* A piece over a crease is cut by several planes at once. Where they meet convexly it is inside as far as it is below all of
  * them, taken as independent; where they meet concavely, as far as it is not above all. */
-static float crease_coverage(const walk *w, const struct cr_img_cluster *c, const cr_lookup *at, int i, cr_vec3 p_world) {
+static float crease_coverage(const walk *w, const struct cr_img_cluster *c, const cr_lookup *at, int i,
+                             cr_vec3 p_world) {
     const struct cr_img_kind *kind = &w->scene->kinds[at->kind[i]];
     int concave = kind->kind == CR_KIND_CONCAVE;
     float share = 1.0f;
@@ -119,7 +120,9 @@ static float crease_coverage(const walk *w, const struct cr_img_cluster *c, cons
         float below = share_below(h, sqrtf(max_f(0.0f, width2)), 2.0f * c->ramp[i]);
         share *= concave ? 1.0f - below : below;
     }
-    return concave ? 1.0f - share : share;
+    /* Beside an edge the distance is longer than the heights: fade out where it reaches the ramp. */
+    float fade = clamp_f(4.0f * (1.0f - at->phi_m[i] / c->ramp[i]), 0.0f, 1.0f);
+    return (concave ? 1.0f - share : share) * fade;
 }
 
 void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {

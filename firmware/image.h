@@ -49,7 +49,7 @@ struct cr_img_meta {
     uint32_t dims[3];  /* bricks along x, y, z */
     float voxel_m;     /* side of a cell: brick_m / 8 */
     float band_m;      /* distances are exact up to this, saturated beyond */
-    float crease_m;  /* planes of crease cells decide up to this distance; beyond, the samples do */
+    float crease_m;    /* planes of crease cells decide up to this distance; beyond, the samples do */
     float quantum_m;   /* distance of one sample step: band_m / 32767 */
     float error_out_m; /* no distance looked up outside the object is further from the true one: margin of skips */
     float error_in_m;  /* the same inside */
@@ -84,7 +84,7 @@ struct cr_img_meta {
 #define CR_TOP_BOUND 0x3fffffffu
 
 #define CR_BRICK_SIDE_MAX 32u
-#define CR_CELLS_SIDE 8u      /* cell tables have 8 x 8 x 8 entries */
+#define CR_CELLS_SIDE 8u /* cell tables have 8 x 8 x 8 entries */
 #define CR_CELLS_NONE 0xffffffffu
 
 struct cr_img_brick {
@@ -139,19 +139,19 @@ struct cr_img_edge {
 /* 16 shell points, structure of arrays, tool frame. Unused lanes repeat the first point with zero area. */
 struct cr_img_cluster {
     float x[CR_LANES], y[CR_LANES], z[CR_LANES];
-    float ax[CR_LANES], ay[CR_LANES],
-        az[CR_LANES];      /* outward normal times area, m^2; zero on edge samples and vertices */
-    float area[CR_LANES];    /* length of the area vector, m^2 */
+    float ax[CR_LANES], ay[CR_LANES], az[CR_LANES]; /* outward normal times area, m^2; next to nothing on features */
+    float area[CR_LANES];                           /* length of the area vector, m^2 */
     /* Second moment of the sample's piece of surface times 12: g^T w g is the squared width over which a distance with gradient
      * g varies across the piece. m^2. */
     float wxx[CR_LANES], wyy[CR_LANES], wzz[CR_LANES], wxy[CR_LANES], wyz[CR_LANES], wzx[CR_LANES];
-    float ramp[CR_LANES];  /* half the largest such width for a unit gradient: where coverage can begin, m */
-    float reach[CR_LANES]; /* how far the sample may stand for the surface round it, m; half the length of a crease piece */
-    uint32_t count;        /* lanes in use */
-    uint32_t vertex_mask;   /* lanes that are corners or other vertices of the mesh */
-    uint32_t crease_mask;   /* lanes that are straight pieces of creases: their middles */
-    float normal[3];       /* mean outward normal, unit or zero */
-    float radius_m;        /* sphere about the mean position that holds the points */
+    float ramp[CR_LANES]; /* half the largest such width for a unit gradient: where coverage can begin, m */
+    float reach
+        [CR_LANES]; /* how far the sample may stand for the surface round it, m; half the length of a crease piece */
+    uint32_t count; /* lanes in use */
+    uint32_t vertex_mask; /* lanes that are corners or other vertices of the mesh */
+    uint32_t crease_mask; /* lanes that are straight pieces of creases: their middles */
+    float normal[3];      /* mean outward normal, unit or zero */
+    float radius_m;       /* sphere about the mean position that holds the points */
     float pad[9];
 };
 

@@ -88,7 +88,8 @@ static const struct {
 /* Where the piece of surface of a sample just outside crosses the static surface: the way down is along W g, W the second moment
  * of the piece (a face sample moves in its face, a crease sample along its crease, a corner not at all). Returns 0 when that is
  * further than the sample's reach. */
-static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane, cr_vec3 *p_world) {
+static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
+                           cr_vec3 *p_world) {
     cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
     cr_vec3 way = v3(c->wxx[lane] * g.x + c->wxy[lane] * g.y + c->wzx[lane] * g.z,
                      c->wxy[lane] * g.x + c->wyy[lane] * g.y + c->wyz[lane] * g.z,
@@ -102,8 +103,8 @@ static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, 
 }
 
 /* Lowest point along n of a straight piece of crease, as far as it is inside: an end, or where it crosses the surface. */
-static int lowest_of_crease(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane, cr_vec3 n_tool,
-                            cr_vec3 *p_world) {
+static int lowest_of_crease(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
+                            cr_vec3 n_tool, cr_vec3 *p_world) {
     cr_vec3 way = v3(c->wxx[lane] * n_tool.x + c->wxy[lane] * n_tool.y + c->wzx[lane] * n_tool.z,
                      c->wxy[lane] * n_tool.x + c->wyy[lane] * n_tool.y + c->wyz[lane] * n_tool.z,
                      c->wzx[lane] * n_tool.x + c->wyz[lane] * n_tool.y + c->wzz[lane] * n_tool.z);
@@ -149,8 +150,8 @@ static uint32_t straight_lanes(const cr_field *f, const cr_lookup *at) {
 /* Moves the chosen lanes of a cluster to where their pieces of surface enter the object: towards lowest n for creases. Two steps:
  * near an edge of the static object the distance bends, so where the first step lands is looked at again. Lanes whose piece stays
  * outside leave the set. */
-static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool, const cr_lookup *at,
-                         cr_lanes3 *world, uint32_t *lanes) {
+static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool,
+                         const cr_lookup *at, cr_lanes3 *world, uint32_t *lanes) {
     cr_lookup again;
     for (uint32_t left = *lanes; left != 0u;) {
         int i = take_lane(&left);
@@ -180,7 +181,8 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
 
 /* Support of one cluster's touched surface along a direction, for lanes on a patch: nearest surface points of the lanes inside,
  * and where the others enter. */
-static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, uint32_t patch, cr_vec3 along, float best) {
+static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, uint32_t patch, cr_vec3 along,
+                                float best) {
     const cr_scene *s = in->field->scene;
     const struct cr_img_cluster *c = &s->clusters[hit->cluster];
     cr_lanes3 world;
@@ -229,8 +231,7 @@ static void make_generators(const cr_respond_input *in, uint32_t area, const cr_
         room += w->alpha[i] * a->shapes[i].spread_rad * SPREAD_REACH;
     }
     float length = v3_norm(left);
-    float part =
-        room > 0.0f ? min_f(1.0f, room / max_f(length, 1e-20f)) / room : 0.0f;
+    float part = room > 0.0f ? min_f(1.0f, room / max_f(length, 1e-20f)) / room : 0.0f;
     for (uint32_t i = 0; i < a->zone_count; i++) {
         const cr_zone *zone = &a->zones[i];
         float bend = part * w->alpha[i] * a->shapes[i].spread_rad * SPREAD_REACH;
@@ -255,9 +256,9 @@ static uint32_t zones_of_hit(const cr_respond_input *in, const cr_area_work *a, 
 /* The internal points that measure the depth of one group of zones. */
 typedef struct {
     cr_vec3 n_world, n_tool;
-    float shift_m;           /* n . p = n_tool . p_tool + shift */
+    float shift_m; /* n . p = n_tool . p_tool + shift */
     const cr_area_work *area;
-    uint32_t behind;         /* zones behind whose plane a point has to lie: those of a split area */
+    uint32_t behind; /* zones behind whose plane a point has to lie: those of a split area */
 } probe;
 
 static int lies_behind(const probe *d, cr_vec3 p_world) {
@@ -324,7 +325,8 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
 }
 
 /* Lowest point of the area's internal surface along n; zone bits restrict it to hits of these zones (or of none). */
-static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, uint32_t zones, cr_vec3 n, float start) {
+static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, uint32_t zones, cr_vec3 n,
+                         float start) {
     probe d = {n, xform_unrotate(in->world_from_tool, n), v3_dot(n, in->world_from_tool->t), a, 0u};
     float best = start;
     uint32_t all = (1u << a->zone_count) - 1u;
@@ -481,7 +483,8 @@ static int is_internal(const cr_area_work *a, cr_vec3 p) {
 }
 
 /* Lowest n . p of the internal vertices, the contact plane at least. */
-static float published_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, cr_vec3 n, float start) {
+static float published_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, cr_vec3 n,
+                              float start) {
     float best = start;
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         const cr_hit *hit = &in->set->hits[h];
@@ -503,7 +506,8 @@ static float published_lowest(const cr_respond_input *in, uint32_t area, const c
 
 static void report_area(const cr_area_work *a, const float *alpha, const float *share, cr_area *out);
 
-static uint32_t answer_as_published(const cr_respond_input *in, uint32_t index, const cr_area_work *a, cr_vec3 s, cr_area *out) {
+static uint32_t answer_as_published(const cr_respond_input *in, uint32_t index, const cr_area_work *a, cr_vec3 s,
+                                    cr_area *out) {
     float whole[CR_ZONES_MAX], weight[CR_ZONES_MAX];
     for (uint32_t i = 0; i < a->zone_count; i++) {
         whole[i] = 1.0f;

@@ -67,8 +67,8 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
         s->sums == NULL || s->groups == NULL || s->adj_start == NULL || s->adj == NULL) {
         return CR_ERR_SECTION;
     }
-    if (metas != 1u || s->sample_count < 8u || s->kind_count < 1u || s->brick_count < 1u || s->cluster_count < 1u || s->group_count < 1u ||
-        sums != s->cluster_count || starts != s->cluster_count + 1u) {
+    if (metas != 1u || s->sample_count < 8u || s->kind_count < 1u || s->brick_count < 1u || s->cluster_count < 1u ||
+        s->group_count < 1u || sums != s->cluster_count || starts != s->cluster_count + 1u) {
         return CR_ERR_SECTION;
     }
     uint64_t cells = (uint64_t)s->meta->dims[0] * s->meta->dims[1];
@@ -85,8 +85,9 @@ static cr_err check_meta(const struct cr_img_meta *m) {
         return CR_ERR_VALUE;
     }
     if (!(m->brick_m > 1e-6f) || !(m->brick_m < 1e4f) || !(m->band_m > 0.0f) || !(m->quantum_m > 0.0f) ||
-        !(m->error_out_m >= 0.0f) || !(m->error_in_m >= 0.0f) || !(m->crease_m >= 0.0f) || !(m->root_radius_m >= 0.0f) ||
-        !(m->tool_radius_m >= 0.0f) || !(m->ramp_max_m >= 0.0f) || m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX) {
+        !(m->error_out_m >= 0.0f) || !(m->error_in_m >= 0.0f) || !(m->crease_m >= 0.0f) ||
+        !(m->root_radius_m >= 0.0f) || !(m->tool_radius_m >= 0.0f) || !(m->ramp_max_m >= 0.0f) || m->levels < 1u ||
+        m->levels > CR_TREE_DEPTH_MAX) {
         return CR_ERR_VALUE;
     }
     return CR_OK;

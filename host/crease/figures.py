@@ -139,7 +139,7 @@ def _draw_arrows(
     arrows_mm = scale_mm_N * force_N[chosen]
     drawn = axes.quiver(*path_mm[chosen].T, *arrows_mm.T, zorder=3, **_ARROW)
     round_N = 10.0 ** np.floor(np.log10(ARROW_LENGTH_MM / scale_mm_N))
-    axes.quiverkey(drawn, 0.09, 0.06, round_N * scale_mm_N, f"{round_N:g} N", labelpos="E")
+    axes.quiverkey(drawn, 0.16, 0.06, round_N * scale_mm_N, f"{round_N:g} N", labelpos="E")
 
 
 def _draw_angles(axes: Axes, cases: Sequence[CornerCase]) -> None:

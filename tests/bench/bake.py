@@ -22,10 +22,23 @@ MESHES = ROOT / "build" / "meshes"
 
 def bake(static: Path, tool: Path, scene: Path) -> tuple[float, float]:
     """Seconds and peak resident MiB of one bake at 2 mm.   Errors: RuntimeError with the command's own words."""
-    command = [sys.executable, "-m", "crease", "bake", str(static), str(tool), "-o", str(scene), "--unit", "mm"]
+    command = [
+        sys.executable,
+        "-m",
+        "crease",
+        "bake",
+        str(static),
+        str(tool),
+        "-o",
+        str(scene),
+        "--unit",
+        "mm",
+    ]
     command += ["--voxel", "2mm", "--spacing", "2mm", "--force"]
     start_s = time.monotonic()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
         assert process.stdout is not None
         said = process.stdout.read()
         _, status, usage = os.wait4(process.pid, 0)
@@ -45,7 +58,9 @@ def main() -> None:
             scene = Path(folder) / "out.crs"
             seconds, mebibytes = bake(static, tool, scene)
             size = scene.stat().st_size / 2**20
-            print(f"bake {triangles:>9,} triangles: {seconds:5.1f} s, {mebibytes:5.0f} MiB peak, image {size:.2f} MiB")
+            print(
+                f"bake {triangles:>9,} triangles: {seconds:5.1f} s, {mebibytes:5.0f} MiB peak, image {size:.2f} MiB"
+            )
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from crease.scenes import SceneSpec, load_specs
 from crease.trajectory import Trajectory, load_trajectory
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[2]
 MESHES = ROOT / "build" / "meshes"

@@ -42,7 +42,10 @@ def build(folder: Path, name: str) -> Path:
     stages = [ROOT / f"firmware/{s}.c" for s in STAGES]
     sources = [ROOT / "tests/check/capacities.c", ROOT / "host/native/replay.c", *stages]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]
-    command = ["gcc", *FLAGS, *BUILDS[name], *includes, *sources, "-lm", "-o", program]
+    command = [
+        str(part)
+        for part in ("gcc", *FLAGS, *BUILDS[name], *includes, *sources, "-lm", "-o", program)
+    ]
     subprocess.run(command, check=True)
     return program
 
