@@ -16,113 +16,6 @@
 #define FACETS_MAX (CRT_SIDES_MAX + 2)
 #define PI 3.14159265358979323846
 
-/* ---- solids ------------------------------------------------------------------------------------------------------- */
-
-crt_solid crt_box(double x_low, double x_high, double half_y, double z_low, double z_high) {
-    crt_solid s = {{{x_low, z_low}, {x_high, z_low}, {x_high, z_high}, {x_low, z_high}}, 4, half_y, 0, 0.0};
-    return s;
-}
-
-crt_solid crt_room(double x_low, double x_high, double half_y, double z_low, double z_high) {
-    crt_solid s = crt_box(x_low, x_high, half_y, z_low, z_high);
-    s.hollow = 1;
-    return s;
-}
-
-crt_solid crt_wedge(double angle_rad, double height, double half_y) {
-    double x = height * tan(0.5 * angle_rad);
-    crt_solid s = {{{-x, -height}, {x, -height}, {0.0, 0.0}}, 3, half_y, 0, 0.0};
-    return s;
-}
-
-crt_solid crt_ball(double radius) {
-    crt_solid s = {{{0.0}}, 0, 0.0, 0, radius};
-    return s;
-}
-
-int crt_facets(const crt_solid *s) { return s->ball_m > 0.0 ? 1 : s->sides + 2; }
-
-/* Nearest point of the polygon's boundary; the distance to it, negative inside. */
-static double polygon_distance(const crt_solid *s, double x, double z, double nearest[2]) {
-    double best = INFINITY;
-    int inside = 1;
-    for (int i = 0; i < s->sides; i++) {
-        const double *a = s->corner_m[i], *b = s->corner_m[(i + 1) % s->sides];
-        double ex = b[0] - a[0], ez = b[1] - a[1], px = x - a[0], pz = z - a[1];
-        double t = fmax(0.0, fmin(1.0, (px * ex + pz * ez) / (ex * ex + ez * ez)));
-        double d = hypot(px - t * ex, pz - t * ez);
-        if (d < best) {
-            best = d;
-            nearest[0] = a[0] + t * ex;
-            nearest[1] = a[1] + t * ez;
-        }
-        inside = inside && ex * pz - ez * px > 0.0;
-    }
-    return inside ? -best : best;
-}
-
-/* Signed distance to the prism and its nearest surface point. */
-static double prism_distance(const crt_solid *s, const double p[3], double q[3]) {
-    double on[2] = {0.0, 0.0}, across = polygon_distance(s, p[0], p[2], on), along = fabs(p[1]) - s->half_y_m;
-    int use_across = across > 0.0 || across >= along, use_along = along > 0.0 || !use_across;
-    q[0] = use_across ? on[0] : p[0];
-    q[1] = use_along ? copysign(s->half_y_m, p[1]) : p[1];
-    q[2] = use_across ? on[1] : p[2];
-    if (across > 0.0 && along > 0.0) {
-        return hypot(across, along);
-    }
-    if (across <= 0.0 && along > 0.0) {
-        q[0] = p[0];
-        q[2] = p[2];
-    }
-    return fmax(across, along);
-}
-
-double crt_distance(const crt_solid *s, const double p[3]) {
-    if (s->ball_m > 0.0) {
-        return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]) - s->ball_m;
-    }
-    double q[3], d = prism_distance(s, p, q);
-    return s->hollow ? -d : d;
-}
-
-void crt_plane(const crt_solid *s, int facet, double plane[4]) {
-    double sign = s->hollow ? -1.0 : 1.0;
-    memset(plane, 0, 4 * sizeof *plane);
-    if (s->ball_m > 0.0) {
-        plane[2] = 1.0;
-    } else if (facet < s->sides) {
-        const double *a = s->corner_m[facet], *b = s->corner_m[(facet + 1) % s->sides];
-        double ex = b[0] - a[0], ez = b[1] - a[1], length = hypot(ex, ez);
-        plane[0] = sign * ez / length;
-        plane[2] = -sign * ex / length;
-        plane[3] = plane[0] * a[0] + plane[2] * a[1];
-    } else {
-        plane[1] = facet == s->sides ? -sign : sign;
-        plane[3] = sign * s->half_y_m;
-    }
-}
-
-static void bounds_of(const crt_solid *s, double low[3], double high[3]) {
-    for (int a = 0; a < 3; a++) {
-        low[a] = -s->ball_m;
-        high[a] = s->ball_m;
-    }
-    if (s->ball_m > 0.0) {
-        return;
-    }
-    low[1] = -s->half_y_m;
-    high[1] = s->half_y_m;
-    low[0] = low[2] = INFINITY;
-    high[0] = high[2] = -INFINITY;
-    for (int i = 0; i < s->sides; i++) {
-        low[0] = fmin(low[0], s->corner_m[i][0]);
-        high[0] = fmax(high[0], s->corner_m[i][0]);
-        low[2] = fmin(low[2], s->corner_m[i][1]);
-        high[2] = fmax(high[2], s->corner_m[i][1]);
-    }
-}
-
 /* ---- tools -------------------------------------------------------------------------------------------------------- */
 
 crt_tool crt_tool_new(double spacing_m) {
@@ -291,7 +184,7 @@ static uint32_t facets_of_cell(const crt_solid *s, const double planes[][4], con
         for (int a = 0; a < 3; a++) {
             p[a] = low[a] + size * ((1.0 + 2.0 * PROBE_MARGIN) * at[a] / (PROBES - 1) - PROBE_MARGIN);
         }
-        (void)prism_distance(s, p, q);
+        (void)crt_nearest(s, p, q);
         for (int f = 0; f < crt_facets(s); f++) {
             const double *n = planes[f];
             found |= (uint32_t)(fabs(n[0] * q[0] + n[1] * q[1] + n[2] * q[2] - n[3]) < 1e-12) << f;
@@ -349,7 +242,7 @@ static void fill_features(const crt_solid *s, parts *p) {
 
 static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double voxel_m) {
     double low[3], high[3];
-    bounds_of(s, low, high);
+    crt_bounds(s, low, high);
     m->brick_m = (float)(8.0 * voxel_m);
     m->voxel_m = m->brick_m / 8.0f;
     double pad = 1.4 * (double)m->brick_m + REACH_M; /* border bricks are far */
@@ -666,107 +559,4 @@ void *crt_section(uint8_t *image, uint32_t id) { return image + crt_row(image, i
 void crt_seal(uint8_t *image) {
     struct cr_img_header *h = (struct cr_img_header *)(void *)image;
     h->crc32 = cr_image_crc(image, h->size_bytes);
-}
-
-/* ---- rigs --------------------------------------------------------------------------------------------------------- */
-
-void crt_restart(crt_rig *rig, const cr_config *config) {
-    cr_config defaults = cr_config_default();
-    const cr_config *c = config != NULL ? config : &defaults;
-    assert_int_equal(cr_world_init(&rig->world, rig->memory, rig->memory_bytes, &rig->scene, c), CR_OK);
-}
-
-void crt_open(crt_rig *rig, const crt_solid *solid, const crt_tool *tool, double voxel_m, const cr_config *config) {
-    cr_config defaults = cr_config_default();
-    memset(rig, 0, sizeof *rig);
-    rig->image = crt_image(solid, tool, voxel_m, &rig->size_bytes);
-    assert_int_equal(cr_scene_open(&rig->scene, rig->image, rig->size_bytes), CR_OK);
-    cr_field_init(&rig->field, &rig->scene);
-    rig->memory_bytes = cr_world_size(&rig->scene, &defaults);
-    assert_true(rig->memory_bytes > 0u);
-    rig->memory = aligned_alloc(CR_IMG_ALIGN, rig->memory_bytes);
-    assert_non_null(rig->memory);
-    crt_restart(rig, config);
-}
-
-void crt_close(crt_rig *rig) {
-    free(rig->memory);
-    free(rig->image);
-    memset(rig, 0, sizeof *rig);
-}
-
-double crt_uniform(uint64_t *seed, double low, double high) {
-    *seed ^= *seed << 13;
-    *seed ^= *seed >> 7;
-    *seed ^= *seed << 17;
-    return low + (high - low) * (double)(*seed >> 11) * 0x1p-53;
-}
-
-cr_quat crt_random_rotation(uint64_t *seed) {
-    double q[4], n = 0.0;
-    do {
-        n = 0.0;
-        for (int i = 0; i < 4; i++) {
-            q[i] = crt_uniform(seed, -1.0, 1.0);
-            n += q[i] * q[i];
-        }
-    } while (n > 1.0 || n < 0.01);
-    n = sqrt(n);
-    cr_quat r = {(float)(q[0] / n), (float)(q[1] / n), (float)(q[2] / n), (float)(q[3] / n)};
-    return r;
-}
-
-cr_quat crt_turn(double x, double y, double z, double angle_rad) {
-    double s = sin(0.5 * angle_rad) / sqrt(x * x + y * y + z * z);
-    cr_quat r = {(float)cos(0.5 * angle_rad), (float)(x * s), (float)(y * s), (float)(z * s)};
-    return r;
-}
-
-cr_pose crt_pose(double x, double y, double z) {
-    cr_pose p = {{(float)x, (float)y, (float)z}, {1.0f, 0.0f, 0.0f, 0.0f}};
-    return p;
-}
-
-static int areas_are_sound(const cr_output *out) {
-    int good = 1;
-    for (uint32_t i = 0; i < out->area_count; i++) {
-        const cr_area *a = &out->areas[i];
-        good &= v3_is_finite(a->normal_world) && v3_is_finite(a->point_world_m) && v3_is_finite(a->force_world_N);
-        good &= is_finite_f(a->depth_m) && a->depth_m >= 0.0f && is_finite_f(a->offset_m) && is_finite_f(a->area_m2);
-        good &= a->zone_count <= CR_ZONES_MAX && fabsf(v3_norm(a->normal_world) - 1.0f) < 1e-4f;
-        for (uint32_t z = 0; good && z < a->zone_count; z++) {
-            const cr_zone *zone = &a->zones[z];
-            good &= v3_is_finite(zone->normal_world) && v3_is_finite(zone->centre_world_m);
-            good &= is_finite_f(zone->radius_m) && is_finite_f(zone->weight_m2) && is_finite_f(zone->offset_m);
-        }
-    }
-    return good;
-}
-
-int crt_is_sound(const cr_output *out, const cr_config *config) {
-    cr_quat q = out->display_pose.rot;
-    int good =
-        v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && v3_is_finite(out->normal_world);
-    good &= v3_is_finite(out->display_pose.pos_m) && is_finite_f(q.w + q.x + q.y + q.z);
-    good &= is_finite_f(out->depth_m) && out->depth_m >= 0.0f && out->area_count <= CR_AREAS_MAX;
-    good &= v3_norm(out->force_world_N) <= config->force_max_N * 1.00001f;
-    return good && areas_are_sound(out);
-}
-
-int crt_same(const cr_output *a, const cr_output *b) {
-    const cr_stats *s = &a->stats, *t = &b->stats;
-    /* What comes before the statistics: no padding in it. */
-    if (memcmp(a, b, offsetof(cr_output, stats)) != 0 || s->contacts != t->contacts || s->clusters != t->clusters ||
-        s->force_limited != t->force_limited || s->zones_dropped != t->zones_dropped ||
-        s->areas_merged != t->areas_merged) {
-        return 0;
-    }
-    for (uint32_t i = 0; i < a->area_count; i++) {
-        const cr_area *p = &a->areas[i], *q = &b->areas[i];
-        if (memcmp(p, q, offsetof(cr_area, zones)) != 0 ||
-            memcmp(p->zones, q->zones, p->zone_count * sizeof *p->zones) != 0) {
-            return 0;
-        }
-    }
-    return 1;
 }

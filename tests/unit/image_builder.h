@@ -27,6 +27,10 @@ crt_solid crt_ball(double radius_m);
 
 /* Purpose  signed distance in double, from segments and not from planes as the firmware has it; negative inside. */
 double crt_distance(const crt_solid *solid, const double p_m[3]);
+/* Purpose  the same for a prism that is not hollow, with the nearest point of its surface. */
+double crt_nearest(const crt_solid *solid, const double p_m[3], double nearest_m[3]);
+/* Purpose  the box round a solid (of a hollow one: round its room). */
+void crt_bounds(const crt_solid *solid, double low_m[3], double high_m[3]);
 /* Purpose  plane of facet: unit normal out of the matter, and offset. */
 void crt_plane(const crt_solid *solid, int facet, double plane[4]);
 int crt_facets(const crt_solid *solid);

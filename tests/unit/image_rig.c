@@ -1,0 +1,111 @@
+/* Opened images with a world, random poses, and what every output must satisfy: see image_builder.h. */
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+void crt_restart(crt_rig *rig, const cr_config *config) {
+    cr_config defaults = cr_config_default();
+    const cr_config *c = config != NULL ? config : &defaults;
+    assert_int_equal(cr_world_init(&rig->world, rig->memory, rig->memory_bytes, &rig->scene, c), CR_OK);
+}
+
+void crt_open(crt_rig *rig, const crt_solid *solid, const crt_tool *tool, double voxel_m, const cr_config *config) {
+    cr_config defaults = cr_config_default();
+    memset(rig, 0, sizeof *rig);
+    rig->image = crt_image(solid, tool, voxel_m, &rig->size_bytes);
+    assert_int_equal(cr_scene_open(&rig->scene, rig->image, rig->size_bytes), CR_OK);
+    cr_field_init(&rig->field, &rig->scene);
+    rig->memory_bytes = cr_world_size(&rig->scene, &defaults);
+    assert_true(rig->memory_bytes > 0u);
+    rig->memory = aligned_alloc(CR_IMG_ALIGN, rig->memory_bytes);
+    assert_non_null(rig->memory);
+    crt_restart(rig, config);
+}
+
+void crt_close(crt_rig *rig) {
+    free(rig->memory);
+    free(rig->image);
+    memset(rig, 0, sizeof *rig);
+}
+
+double crt_uniform(uint64_t *seed, double low, double high) {
+    *seed ^= *seed << 13;
+    *seed ^= *seed >> 7;
+    *seed ^= *seed << 17;
+    return low + (high - low) * (double)(*seed >> 11) * 0x1p-53;
+}
+
+cr_quat crt_random_rotation(uint64_t *seed) {
+    double q[4], n = 0.0;
+    do {
+        n = 0.0;
+        for (int i = 0; i < 4; i++) {
+            q[i] = crt_uniform(seed, -1.0, 1.0);
+            n += q[i] * q[i];
+        }
+    } while (n > 1.0 || n < 0.01);
+    n = sqrt(n);
+    cr_quat r = {(float)(q[0] / n), (float)(q[1] / n), (float)(q[2] / n), (float)(q[3] / n)};
+    return r;
+}
+
+cr_quat crt_turn(double x, double y, double z, double angle_rad) {
+    double s = sin(0.5 * angle_rad) / sqrt(x * x + y * y + z * z);
+    cr_quat r = {(float)cos(0.5 * angle_rad), (float)(x * s), (float)(y * s), (float)(z * s)};
+    return r;
+}
+
+cr_pose crt_pose(double x, double y, double z) {
+    cr_pose p = {{(float)x, (float)y, (float)z}, {1.0f, 0.0f, 0.0f, 0.0f}};
+    return p;
+}
+
+static int areas_are_sound(const cr_output *out) {
+    int good = 1;
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        const cr_area *a = &out->areas[i];
+        good &= v3_is_finite(a->normal_world) && v3_is_finite(a->point_world_m) && v3_is_finite(a->force_world_N);
+        good &= is_finite_f(a->depth_m) && a->depth_m >= 0.0f && is_finite_f(a->offset_m) && is_finite_f(a->area_m2);
+        good &= a->zone_count <= CR_ZONES_MAX && fabsf(v3_norm(a->normal_world) - 1.0f) < 1e-4f;
+        for (uint32_t z = 0; good && z < a->zone_count; z++) {
+            const cr_zone *zone = &a->zones[z];
+            good &= v3_is_finite(zone->normal_world) && v3_is_finite(zone->centre_world_m);
+            good &= is_finite_f(zone->radius_m) && is_finite_f(zone->weight_m2) && is_finite_f(zone->offset_m);
+        }
+    }
+    return good;
+}
+
+int crt_is_sound(const cr_output *out, const cr_config *config) {
+    cr_quat q = out->display_pose.rot;
+    int good =
+        v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && v3_is_finite(out->normal_world);
+    good &= v3_is_finite(out->display_pose.pos_m) && is_finite_f(q.w + q.x + q.y + q.z);
+    good &= is_finite_f(out->depth_m) && out->depth_m >= 0.0f && out->area_count <= CR_AREAS_MAX;
+    good &= v3_norm(out->force_world_N) <= config->force_max_N * 1.00001f;
+    return good && areas_are_sound(out);
+}
+
+int crt_same(const cr_output *a, const cr_output *b) {
+    const cr_stats *s = &a->stats, *t = &b->stats;
+    /* What comes before the statistics: no padding in it. */
+    if (memcmp(a, b, offsetof(cr_output, stats)) != 0 || s->contacts != t->contacts || s->clusters != t->clusters ||
+        s->force_limited != t->force_limited || s->zones_dropped != t->zones_dropped ||
+        s->areas_merged != t->areas_merged) {
+        return 0;
+    }
+    for (uint32_t i = 0; i < a->area_count; i++) {
+        const cr_area *p = &a->areas[i], *q = &b->areas[i];
+        if (memcmp(p, q, offsetof(cr_area, zones)) != 0 ||
+            memcmp(p->zones, q->zones, p->zone_count * sizeof *p->zones) != 0) {
+            return 0;
+        }
+    }
+    return 1;
+}
