@@ -143,7 +143,10 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_im
     sum->py = sum_lanes(py);
     sum->pz = sum_lanes(pz);
     sum->area = sum_lanes(area);
-    sum->pad = 0.0f;
+    sum->peak = w[0];
+    for (int i = 1; i < CR_LANES; i++) {
+        sum->peak = max_f(sum->peak, w[i]);
+    }
 }
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
@@ -308,6 +311,7 @@ static void take_coarse(walk *w, uint32_t cluster, float phi_m, float radius_m) 
     hit->near = 0u;
     hit->whole = 0u;
     hit->sum = *s;
+    hit->sum.peak = part;
     hit->sum.ax *= part;
     hit->sum.ay *= part;
     hit->sum.az *= part;

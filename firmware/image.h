@@ -160,7 +160,7 @@ struct cr_img_sum {
     float ax, ay, az; /* area vectors */
     float px, py, pz; /* |area| times position */
     float area;
-    float pad;
+    float peak;       /* largest coverage of a lane: 1 in the image */
 };
 
 /* A neighbour of a cluster on the tool surface, and the lanes by which the two touch. */

@@ -10,6 +10,10 @@
 #define PULL_UNSEEN 0.05f
 /* A curved zone may turn the normal this many standard deviations away from its mean. */
 #define SPREAD_REACH 2.5f
+/* A piece has to land this close to the surface, beside the error of the distances, to count as inside. */
+#define LANDING_M 1e-6f
+/* A force fades in over this much coverage of the best covered sample: a static corner between samples comes and goes gently. */
+#define PEAK_FULL 0.25f
 /* Sweeps over the zones' planes to find their common point; two planes at 30 degrees converge by 0.75 a sweep. */
 #define COMMON_POINT_SWEEPS 24
 /* Share of closed surface below which an area has no direction: the tool is wholly inside. */
@@ -136,46 +140,66 @@ static int lane_is_on(const cr_field *f, const cr_lookup *at, int lane, uint32_t
     return 0;
 }
 
-/* Lanes where the distance is linear as far as a piece of surface reaches: over flat facets away from edges and vertices. */
-static uint32_t straight_lanes(const cr_field *f, const cr_lookup *at) {
-    uint32_t straight = at->from_facet & ~at->bent;
-    for (int i = 0; i < CR_LANES; i++) {
-        uint32_t entry = at->entry[i];
-        int flat = !(entry & CR_TOP_FAR) && f->scene->bricks[entry].side == 1u;
-        straight |= (uint32_t)flat << i;
+/* Was the distance linear on the way from lane i to p, so that p is where the piece enters? Over a facet it was when no other
+ * plane of the crease is above p; in a flat brick when p is still in it. */
+static int was_straight(const cr_field *f, const cr_lookup *at, int i, cr_vec3 from, cr_vec3 p) {
+    if ((at->from_facet >> i) & 1u) {
+        const struct cr_img_kind *kind = &f->scene->kinds[at->kind[i]];
+        int below = !((at->bent >> i) & 1u);
+        for (uint32_t k = 0; k < kind->count && kind->kind == CR_KIND_CONVEX; k++) {
+            const struct cr_img_facet *facet = &f->scene->facets[kind->facet[k]];
+            below = below && v3_dot(v3_from(facet->normal), p) - facet->offset_m <= LANDING_M;
+        }
+        return below;
     }
-    return straight;
+    uint32_t entry = at->entry[i];
+    cr_vec3 u = v3_mad(v3(at->ux[i], at->uy[i], at->uz[i]), v3_sub(p, from), f->inv_brick);
+    float least = min_f(u.x, min_f(u.y, u.z)), most = max_f(u.x, max_f(u.y, u.z));
+    return !(entry & CR_TOP_FAR) && f->scene->bricks[entry].side == 1u && least >= 0.0f && most <= 1.0f;
 }
 
 /* Moves the chosen lanes of a cluster to where their pieces of surface enter the object: towards lowest n for creases. Two steps:
- * near an edge of the static object the distance bends, so where the first step lands is looked at again. Lanes whose piece stays
- * outside leave the set. */
+ * near an edge of the static object the distance bends, so where a step lands is looked at again. Lanes that do not land on the
+ * surface leave the set: their piece stays outside. */
 static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool,
                          const cr_lookup *at, cr_lanes3 *world, uint32_t *lanes) {
     cr_lookup again;
+    uint32_t straight = 0u;
     for (uint32_t left = *lanes; left != 0u;) {
         int i = take_lane(&left);
-        cr_vec3 p = lane_of(world, i);
+        cr_vec3 from = lane_of(world, i), p = from;
         int found = ((c->crease_mask >> i) & 1u) ? lowest_of_crease(c, at, in->world_from_tool, i, n_tool, &p)
                                                  : clip_to_surface(c, at, in->world_from_tool, i, &p);
         *lanes &= found ? *lanes : ~(1u << i);
+        straight |= (uint32_t)was_straight(in->field, at, i, from, p) << i;
         world->x[i] = p.x;
         world->y[i] = p.y;
         world->z[i] = p.z;
     }
-    uint32_t straight = straight_lanes(in->field, at);
     if ((*lanes & ~straight) == 0u) {
         return;
     }
     cr_field_look_up(in->field, world, &again);
+    uint32_t unsure = 0u;
     for (uint32_t left = *lanes & ~straight; left != 0u;) {
         int i = take_lane(&left);
         cr_vec3 p = lane_of(world, i);
-        int found = again.phi_m[i] <= 0.0f || clip_to_surface(c, &again, in->world_from_tool, i, &p);
-        *lanes &= found ? *lanes : ~(1u << i);
+        if (again.phi_m[i] > 0.0f) {
+            unsure |= 1u << i;
+            *lanes &= clip_to_surface(c, &again, in->world_from_tool, i, &p) ? *lanes : ~(1u << i);
+        }
         world->x[i] = p.x;
         world->y[i] = p.y;
         world->z[i] = p.z;
+    }
+    if ((unsure & *lanes) == 0u) {
+        return;
+    }
+    cr_field_look_up(in->field, world, &again);
+    const float close_m = in->field->scene->meta->error_max_m + LANDING_M;
+    for (uint32_t left = unsure & *lanes; left != 0u;) {
+        int i = take_lane(&left);
+        *lanes &= again.phi_m[i] <= close_m ? *lanes : ~(1u << i);
     }
 }
 
@@ -427,12 +451,14 @@ static uint32_t split_at_creases(const cr_scene *s, const cr_area_work *a, const
                 any |= lead[j];
             }
         }
+        /* Leaders without weight lead nothing: the component answers as one. */
+        any = leaders > 0.0f ? any : 0u;
         if (any ? !lead[i] : !first) {
             continue;
         }
         for (uint32_t j = 0; j < n; j++) {
             int same = component[j] == component[i];
-            float part = any ? (leaders > 0.0f ? alpha[i] / leaders : 0.0f) : 1.0f;
+            float part = any ? alpha[i] / leaders : 1.0f;
             share[groups][j] = !same ? 0.0f : !any || !lead[j] ? part : (j == i ? 1.0f : 0.0f);
         }
         groups++;
@@ -579,7 +605,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     out->offset_m = offset / length;
     float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
-    out->depth_m = (out->offset_m - lowest) * min_f(1.0f, open);
+    out->depth_m = (out->offset_m - lowest) * min_f(1.0f, open) * min_f(1.0f, a->sum.peak / PEAK_FULL);
     if (!(out->depth_m > 0.0f)) {
         return 0;
     }

@@ -3,6 +3,9 @@
 
 #include <string.h>
 
+/* Largest length, area or second moment that an image may hold, in SI units. */
+#define VALUE_MAX 1e4f
+
 static uint32_t crc32_of(const uint8_t *bytes, size_t count, uint32_t crc) {
     static const uint32_t nibble[16] = {0x00000000u, 0x1db71064u, 0x3b6e20c8u, 0x26d930acu, 0x76dc4190u, 0x6b6b51f4u,
                                         0x4db26158u, 0x5005713cu, 0xedb88320u, 0xf00f9344u, 0xd6d6a3e8u, 0xcb61b38cu,
@@ -23,9 +26,10 @@ uint32_t cr_image_crc(const uint8_t *image, uint32_t size_bytes) {
     return crc ^ 0xffffffffu;
 }
 
+/* Finite, and so far from overflow that no sum or product in a tick can get there. */
 static int floats_are_finite(const float *values, size_t count) {
     for (size_t i = 0; i < count; i++) {
-        if (!is_finite_f(values[i])) {
+        if (!(values[i] >= -VALUE_MAX && values[i] <= VALUE_MAX)) {
             return 0;
         }
     }
@@ -184,6 +188,17 @@ static cr_err check_group(const cr_scene *s, uint32_t index) {
     return CR_OK;
 }
 
+/* Are the full-coverage sums what the tick would add up? */
+static int sums_match(const cr_scene *s, uint32_t cluster) {
+    float full[CR_LANES];
+    struct cr_img_sum sum;
+    for (int i = 0; i < CR_LANES; i++) {
+        full[i] = 1.0f;
+    }
+    cr_sum_cluster(&s->clusters[cluster], full, &sum);
+    return memcmp(&sum, &s->sums[cluster], sizeof sum) == 0;
+}
+
 static cr_err check_shell(const cr_scene *s) {
     for (uint32_t i = 0; i < s->group_count; i++) {
         cr_err err = check_group(s, i);
@@ -195,6 +210,9 @@ static cr_err check_shell(const cr_scene *s) {
         const struct cr_img_cluster *c = &s->clusters[i];
         if (!floats_are_finite(c->x, 15u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
             !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
+            return CR_ERR_VALUE;
+        }
+        if (!sums_match(s, i)) {
             return CR_ERR_VALUE;
         }
         if (s->adj_start[i] > s->adj_start[i + 1u] || s->adj_start[i + 1u] > s->adj_count) {

@@ -5,6 +5,9 @@
  * the area touches of one smooth patch of the static surface [1]. */
 #include "stages.h"
 
+/* Touched areas below a square nanometre are rounding, and their means would not be numbers. */
+#define AREA_MIN_M2 1e-18f
+
 static uint32_t find_root(cr_hit *hits, uint32_t i) {
     while (hits[i].area != i) {
         hits[i].area = hits[hits[i].area].area;
@@ -50,6 +53,7 @@ static void add_sum(struct cr_img_sum *to, const struct cr_img_sum *from) {
     to->py += from->py;
     to->pz += from->pz;
     to->area += from->area;
+    to->peak = max_f(to->peak, from->peak);
 }
 
 /* Roots become areas in order; beyond the capacity they join the last one. Parents come before children, so one pass does. */
@@ -122,7 +126,7 @@ static void add_touch(const cr_scene *s, const cr_touch *touch, cr_area_work *ar
 static int finish_zone(const cr_scene *s, cr_zone *zone, cr_zone_shape *shape) {
     const struct cr_img_facet *facet = &s->facets[shape->facet];
     float area = zone->area_m2;
-    if (!(area > 0.0f)) {
+    if (!(area > AREA_MIN_M2)) {
         return 0;
     }
     float length = v3_norm(zone->normal_world);
@@ -161,7 +165,7 @@ static void widen_spheres(const cr_scene *s, const cr_contact_set *set, cr_area_
         const cr_hit *hit = &set->hits[touch->hit];
         cr_area_work *area = &areas->areas[hit->area];
         uint32_t patch = s->facets[touch->facet].patch;
-        for (uint32_t z = 0; z < area->zone_count && touch->area_m2 > 0.0f; z++) {
+        for (uint32_t z = 0; z < area->zone_count && touch->area_m2 > AREA_MIN_M2; z++) {
             if (area->zones[z].patch == patch) {
                 cr_vec3 mean = v3_scale(touch->point_sum_m3, 1.0f / touch->area_m2);
                 float reach = v3_norm(v3_sub(mean, area->zones[z].centre_world_m)) + s->clusters[hit->cluster].radius_m;
