@@ -159,7 +159,7 @@ typedef struct {
 
 /* Faults latch: output stays zero until cr_world_clear_fault. */
 enum {
-    CR_FAULT_POSE = 1u,  /* pose not finite, quaternion not unit within 1 %, or |position| over 1e4 m */
+    CR_FAULT_POSE = 1u,   /* pose not finite, quaternion not unit within 1 %, or |position| over 1e4 m */
     CR_FAULT_PERIOD = 2u, /* period not finite or not in (0, 1] s */
     CR_FAULT_NUMBER = 4u  /* the answer was not a number: an image made to harm */
 };

