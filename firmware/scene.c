@@ -196,7 +196,9 @@ static int sums_match(const cr_scene *s, uint32_t cluster) {
         full[i] = 1.0f;
     }
     cr_sum_cluster(&s->clusters[cluster], full, &sum);
-    return memcmp(&sum, &s->sums[cluster], sizeof sum) == 0;
+    const struct cr_img_sum *stored = &s->sums[cluster];
+    return sum.ax == stored->ax && sum.ay == stored->ay && sum.az == stored->az && sum.px == stored->px &&
+           sum.py == stored->py && sum.pz == stored->pz && sum.area == stored->area && sum.peak == stored->peak;
 }
 
 static cr_err check_shell(const cr_scene *s) {

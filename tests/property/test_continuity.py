@@ -86,8 +86,8 @@ def test_halving_the_step_halves_the_largest_change(name: str) -> None:
     static, tool, voxel_mm, spacing_mm, poses = CASES[name]
     rows = run(bake(static, tool, voxel_mm, spacing_mm), poses)
     assert (rows["areas"] > 0).mean() > 0.5
-    # A static corner between the samples of a face, seen by fewer than three of them, comes and goes within a step: the limit
-    # that README.md and DESIGN.md name.
+    # A static corner between the samples of a face, seen by fewer than three of them, comes and goes
+    # within a step: the limit that README.md and DESIGN.md name.
     resolved = np.ones(len(rows), bool)
     if name == "cube-over-corner":
         resolved = rows["contacts"] >= RESOLVED
