@@ -132,6 +132,8 @@ def choose_levels(phi: F64, tolerance_m: float) -> I32:
     open_ = np.arange(len(phi))
     for candidate in range(BASE_LEVEL - 1, -1, -1):
         step = 2 ** (BASE_LEVEL - candidate)
+        if len(open_) == 0:
+            break
         kept = []
         for part in np.array_split(open_, max(1, len(open_) // 2048)):
             coarse = trilinear(phi[part][:, ::step, ::step, ::step], at)
