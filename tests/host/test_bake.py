@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 import trimesh
-
 from crease.bake import BakeOptions, bake_scene
 from crease.mesh import make_mesh
 from crease.scene import open_image
