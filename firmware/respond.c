@@ -12,6 +12,8 @@
 #define SPREAD_REACH 2.5f
 /* A piece has to land this close to the surface, beside the error of the distances, to count as inside. */
 #define LANDING_M 1e-6f
+/* Rounding of heights near the origin; elsewhere it grows with the offset. */
+#define ROUNDING_M 1e-8f
 /* A force fades in over this much coverage of the best covered sample: a static corner between samples comes and goes gently. */
 #define PEAK_FULL 0.25f
 /* Sweeps over the zones' planes to find their common point; two planes at 30 degrees converge by 0.75 a sweep. */
@@ -610,8 +612,10 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     out->offset_m = offset / length;
     float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
-    out->depth_m = (out->offset_m - lowest) * min_f(1.0f, open) * min_f(1.0f, a->sum.peak / PEAK_FULL);
-    if (!(out->depth_m > 0.0f)) {
+    float raw_m = out->offset_m - lowest;
+    out->depth_m = raw_m * min_f(1.0f, open) * min_f(1.0f, a->sum.peak / PEAK_FULL);
+    /* Less than the rounding of the two heights is no contact. */
+    if (!(raw_m > ROUNDING_M + 2e-7f * abs_f(out->offset_m)) || !(out->depth_m > 0.0f)) {
         return 0;
     }
     out->normal_world = responses[in->config->response].turn(a, share, out->normal_world);
