@@ -373,7 +373,7 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     uint32_t outside = lanes_where_below(negative, zero);
     hit->covered = (uint16_t)covered;
     hit->inside = (uint16_t)(~outside & 0xffffu);
-    hit->near = (uint16_t)((outside | c->crease_mask) & lanes_where_below(at.phi_m, c->reach));
+    hit->near = (uint16_t)(c->crease_mask & lanes_where_below(at.phi_m, c->reach));
     hit->whole = 0u;
     cr_sum_cluster(c, coverage, &hit->sum);
     w->stats->contacts += count_bits((uint32_t)hit->inside & ((1u << c->count) - 1u));

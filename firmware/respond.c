@@ -91,9 +91,8 @@ static const struct {
     [CR_RESPONSE_FIXED45] = {turn_to_45, 0u},
 };
 
-/* Where the piece of surface of a sample just outside crosses the static surface: the way down is along W g, W the second moment
- * of the piece (a face sample moves in its face, a crease sample along its crease, a corner not at all). Returns 0 when that is
- * further than the sample's reach. */
+/* Where a piece of crease whose end is just outside crosses the static surface: the way down is along W g, W the second moment of
+ * the piece, which points along it. Returns 0 when that is further than the piece reaches. */
 static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
                            cr_vec3 *p_world) {
     cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
@@ -160,9 +159,9 @@ static int was_straight(const cr_field *f, const cr_lookup *at, int i, cr_vec3 f
     return !(entry & CR_TOP_FAR) && f->scene->bricks[entry].side == 1u && least >= 0.0f && most <= 1.0f;
 }
 
-/* Moves the chosen lanes of a cluster to where their pieces of surface enter the object: towards lowest n for creases. Two steps:
- * near an edge of the static object the distance bends, so where a step lands is looked at again. Lanes that do not land on the
- * surface leave the set: their piece stays outside. */
+/* Moves the chosen crease lanes of a cluster to the lowest point along n at which their pieces are inside. Two steps: near an
+ * edge of the static object the distance bends, so where a step lands is looked at again. Lanes that do not land on the surface
+ * leave the set: their piece stays outside. */
 static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool,
                          const cr_lookup *at, cr_lanes3 *world, uint32_t *lanes) {
     cr_lookup again;
@@ -170,9 +169,7 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     for (uint32_t left = *lanes; left != 0u;) {
         int i = take_lane(&left);
         cr_vec3 from = lane_of(world, i), p = from;
-        int found = ((c->crease_mask >> i) & 1u) ? lowest_of_crease(c, at, in->world_from_tool, i, n_tool, &p)
-                                                 : clip_to_surface(c, at, in->world_from_tool, i, &p);
-        *lanes &= found ? *lanes : ~(1u << i);
+        *lanes &= lowest_of_crease(c, at, in->world_from_tool, i, n_tool, &p) ? *lanes : ~(1u << i);
         straight |= (uint32_t)was_straight(in->field, at, i, from, p) << i;
         world->x[i] = p.x;
         world->y[i] = p.y;
@@ -210,8 +207,7 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     }
 }
 
-/* Support of one cluster's touched surface along a direction, for lanes on a patch: nearest surface points of the lanes inside,
- * and where the others enter. */
+/* Support of one cluster's touched surface along a direction: the nearest surface points of its lanes inside on a patch. */
 static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, uint32_t patch, cr_vec3 along,
                                 float best) {
     const cr_scene *s = in->field->scene;
@@ -220,21 +216,12 @@ static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, u
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up(in->field, &world, &at);
-    uint32_t near = 0u;
-    for (int i = 0; i < (int)c->count; i++) {
-        if (abs_f(at.phi_m[i]) >= s->meta->band_m || !lane_is_on(in->field, &at, i, patch)) {
-            continue;
-        }
-        if ((hit->inside >> i) & 1) {
+    for (uint32_t left = hit->inside & ((1u << c->count) - 1u); left != 0u;) {
+        int i = take_lane(&left);
+        if (abs_f(at.phi_m[i]) < s->meta->band_m && lane_is_on(in->field, &at, i, patch)) {
             cr_vec3 q = v3_mad(lane_of(&world, i), v3(at.gx[i], at.gy[i], at.gz[i]), -at.phi_m[i]);
             best = max_f(best, v3_dot(along, q));
-        } else {
-            near |= (uint32_t)hit->near & ~c->crease_mask & (1u << i);
         }
-    }
-    enter_pieces(in, c, along, &at, &world, &near);
-    while (near != 0u) {
-        best = max_f(best, v3_dot(along, lane_of(&world, take_lane(&near))));
     }
     return best;
 }

@@ -57,7 +57,7 @@ typedef struct {
     uint32_t cluster;
     uint16_t covered; /* lanes with any coverage */
     uint16_t inside;  /* lanes with phi <= 0 */
-    uint16_t near;  /* lanes whose piece may be inside where the sample is not: phi < reach; creases, as baked today */
+    uint16_t near;  /* crease lanes whose piece may be inside where its middle is not: phi < reach */
     uint16_t area;  /* set by zones: index of the contact area */
     uint16_t whole; /* 1: every lane fully covered */
     struct cr_img_sum sum;
