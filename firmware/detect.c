@@ -157,14 +157,6 @@ static uint32_t lanes_where_below(const float *value, const float *limit) {
     return mask;
 }
 
-static uint32_t count_bits(uint32_t v) {
-    uint32_t n = 0u;
-    for (; v != 0u; v &= v - 1u) {
-        n++;
-    }
-    return n;
-}
-
 static cr_hit *add_hit(walk *w, uint32_t cluster) {
     if (w->set->hit_count >= CR_CLUSTERS_MAX) {
         w->stats->clusters_dropped++;
@@ -335,9 +327,59 @@ static float smallest_clearance(const struct cr_img_cluster *c, const cr_lookup 
     return least;
 }
 
+/* Lanes of `among` that are beside `seed`, or beside those, and so on. */
+static uint32_t connected_lanes(const struct cr_img_cluster *c, uint32_t seed, uint32_t among) {
+    uint32_t found = seed, fresh = seed;
+    while (fresh != 0u) {
+        uint32_t next = c->beside[take_lane(&fresh)] & among & ~found;
+        found |= next;
+        fresh |= next;
+    }
+    return found;
+}
+
+/* What the points of one cluster were found to be. */
+typedef struct {
+    const struct cr_img_cluster *c;
+    const cr_lanes3 *world;
+    const cr_lookup *at;
+    const float *coverage;
+    uint32_t inside, near;
+} looked;
+
+/* The hit of some covered lanes of a cluster that hang together. */
+static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lanes) {
+    cr_hit *hit = add_hit(w, cluster);
+    if (hit == NULL) {
+        return;
+    }
+    uint32_t first = w->set->touch_count, around = lanes;
+    float share[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        share[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
+    }
+    for (uint32_t left = lanes; left != 0u;) {
+        around |= l->c->beside[take_lane(&left)];
+    }
+    hit->covered = (uint16_t)lanes;
+    hit->inside = (uint16_t)(l->inside & lanes);
+    hit->near = (uint16_t)(l->near & around);
+    hit->whole = 0u;
+    cr_sum_cluster(l->c, share, &hit->sum);
+    w->stats->contacts += count_lanes(hit->inside);
+    w->stats->clusters++;
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), share[i]);
+        cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
+        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * share[i], area_tool);
+    }
+}
+
 /* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
 static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+    const uint32_t used = (1u << c->count) - 1u;
     cr_lanes3 world;
     cr_lookup at;
     float coverage[CR_LANES], zero[CR_LANES] = {0.0f}, negative[CR_LANES], one[CR_LANES];
@@ -345,7 +387,7 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     cr_field_look_up(w->field, &world, &at);
     w->stats->points += c->count;
     find_coverage(w, c, &at, coverage);
-    uint32_t over = w->options->coverage == CR_COVERAGE_SOFT ? at.from_facet & ((1u << c->count) - 1u) : 0u;
+    uint32_t over = w->options->coverage == CR_COVERAGE_SOFT ? at.from_facet & used : 0u;
     while (over != 0u) {
         int i = take_lane(&over);
         if (abs_f(at.phi_m[i]) < c->ramp[i]) {
@@ -356,8 +398,8 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
         negative[i] = -at.phi_m[i];
         one[i] = 1.0f;
     }
-    uint32_t covered = lanes_where_below(zero, coverage);
-    uint32_t partial = lanes_where_below(coverage, one);
+    uint32_t covered = lanes_where_below(zero, coverage) & used;
+    uint32_t partial = lanes_where_below(coverage, one) & used;
     if (covered == 0u) {
         return max_f(0.0f, smallest_clearance(c, &at, w->slack_out_m));
     }
@@ -365,25 +407,16 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
         take_whole(w, cluster, b, lane);
         return 0.0f;
     }
-    cr_hit *hit = add_hit(w, cluster);
-    if (hit == NULL) {
-        return 0.0f;
-    }
-    uint32_t first = w->set->touch_count;
-    uint32_t outside = lanes_where_below(negative, zero);
-    hit->covered = (uint16_t)covered;
-    hit->inside = (uint16_t)(~outside & 0xffffu);
-    hit->near = (uint16_t)(c->crease_mask & lanes_where_below(at.phi_m, c->reach));
-    hit->whole = 0u;
-    cr_sum_cluster(c, coverage, &hit->sum);
-    w->stats->contacts += count_bits((uint32_t)hit->inside & ((1u << c->count) - 1u));
-    w->stats->clusters++;
-    covered &= (1u << c->count) - 1u;
+    const looked l = {c,
+                      &world,
+                      &at,
+                      coverage,
+                      ~lanes_where_below(negative, zero) & used,
+                      c->crease_mask & lanes_where_below(at.phi_m, c->reach)};
     while (covered != 0u) {
-        int i = take_lane(&covered);
-        float area = c->area[i] * coverage[i];
-        cr_vec3 area_tool = v3_scale(v3(c->ax[i], c->ay[i], c->az[i]), coverage[i]);
-        touch_surface(w, first, &at, i, v3(world.x[i], world.y[i], world.z[i]), area, area_tool);
+        uint32_t lanes = connected_lanes(c, covered & (~covered + 1u), covered);
+        take_lanes(w, cluster, &l, lanes);
+        covered &= ~lanes;
     }
     return 0.0f;
 }
@@ -400,7 +433,7 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
         moved[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i];
     }
     uint32_t asleep = lanes_where_below(moved, wake) & mask;
-    w->stats->nodes_coherent += count_bits(asleep);
+    w->stats->nodes_coherent += count_lanes(asleep);
     return mask & ~asleep;
 }
 
@@ -479,7 +512,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     float clearance[CR_LANES], zero[CR_LANES] = {0.0f};
     float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
     w->kernels++;
-    w->stats->nodes += count_bits(lanes);
+    w->stats->nodes += count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     cr_field_look_up(w->field, &world, &centres);
     for (int i = 0; i < CR_LANES; i++) {
@@ -505,7 +538,7 @@ static level enter_group(walk *w, batch *b, uint32_t group) {
         add_to_batch(w, b, group, v.lanes);
         v.lanes = 0u;
     } else if (w->kernels >= 2u * CR_KERNELS_MAX) {
-        w->stats->clusters_dropped += count_bits(v.lanes);
+        w->stats->clusters_dropped += count_lanes(v.lanes);
         v.lanes = 0u;
     } else {
         v.lanes = find_open(w, group, v.lanes);

@@ -151,7 +151,8 @@ struct cr_img_cluster {
     uint32_t crease_mask;  /* lanes that are straight pieces of creases: their middles */
     float normal[3];       /* mean outward normal, unit or zero */
     float radius_m;        /* sphere about the mean position that holds the points */
-    float pad[9];
+    uint16_t beside[CR_LANES]; /* lanes of this cluster beside each lane on the tool surface */
+    uint32_t pad;
 };
 
 /* Sums of a cluster with every lane at full coverage, in the lane order of the tick. */
@@ -162,10 +163,10 @@ struct cr_img_sum {
     float peak; /* largest coverage of a lane: 1 in the image */
 };
 
-/* A neighbour of a cluster on the tool surface, and the lanes by which the two touch. */
+/* Samples beside each other on the tool surface across two clusters: each of `mine` is beside each of `theirs`. */
 struct cr_img_neighbour {
     uint32_t cluster;
-    uint16_t mine, theirs; /* lanes of this cluster beside the other, and the other way round */
+    uint16_t mine, theirs; /* lanes of this cluster and of the other */
 };
 
 /* 16 spheres of one node of the tree: its children are groups, or clusters at the last level. */

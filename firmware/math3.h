@@ -27,6 +27,14 @@ static inline int take_lane(uint32_t *lanes) {
     return lane;
 }
 
+static inline uint32_t count_lanes(uint32_t lanes) {
+    uint32_t count = 0u;
+    for (; lanes != 0u; lanes &= lanes - 1u) {
+        count++;
+    }
+    return count;
+}
+
 static inline cr_vec3 v3(float x, float y, float z) {
     cr_vec3 r = {x, y, z};
     return r;

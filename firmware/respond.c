@@ -259,6 +259,13 @@ static void make_generators(const cr_respond_input *in, uint32_t area, const cr_
     }
 }
 
+/* The part of an area that answers with one plane. */
+typedef struct {
+    float share[CR_ZONES_MAX]; /* of each zone, 0..1 */
+    uint32_t own;              /* zones with a share */
+    uint32_t behind; /* zones behind whose plane a point has to lie to be its own: those at a concave crease */
+} group;
+
 /* Zones that touch each hit, as bits, so that a split area measures depth with its own samples only. */
 static uint32_t zones_of_hit(const cr_respond_input *in, const cr_area_work *a, uint32_t hit, uint32_t *touch) {
     uint32_t bits = 0u;
@@ -342,21 +349,18 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     return best;
 }
 
-/* Lowest point of the area's internal surface along n; zone bits restrict it to hits of these zones (or of none). */
-static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, uint32_t zones, cr_vec3 n,
+/* Lowest point along n of the internal surface of a group of zones: of hits that touch one of them, or none. */
+static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, const group *part, cr_vec3 n,
                          float start) {
-    probe d = {n, xform_unrotate(in->world_from_tool, n), v3_dot(n, in->world_from_tool->t), a, 0u};
+    const probe d = {n, xform_unrotate(in->world_from_tool, n), v3_dot(n, in->world_from_tool->t), a, part->behind};
     float best = start;
     uint32_t all = (1u << a->zone_count) - 1u;
-    for (uint32_t z = 0; z < a->zone_count && zones != all; z++) {
-        d.behind |= ((zones >> z) & 1u) << z;
-    }
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;
         for (uint32_t h = 0; h < in->set->hit_count; h++) {
             const cr_hit *hit = &in->set->hits[h];
-            uint32_t bits = zones == all ? all : zones_of_hit(in, a, h, &touch);
-            if (hit->area != area || (bits != 0u && (bits & zones) == 0u)) {
+            uint32_t bits = part->own == all ? all : zones_of_hit(in, a, h, &touch);
+            if (hit->area != area || (bits != 0u && (bits & part->own) == 0u)) {
                 continue;
             }
             if (near) {
@@ -385,79 +389,118 @@ static uint32_t pair_label(const cr_scene *s, uint32_t a, uint32_t b) {
                                                                                                  : 0u;
 }
 
-/* How two zones of one area meet. The label of their crease decides. Where they share creases of both kinds it is concave when
- * each lies above the plane of the other; where they share none, they belong together when each lies below. */
-enum { ZONES_APART, ZONES_LINKED, ZONES_CONCAVE };
+/* Zones of one area that meet each zone, as bits. The label of their crease decides. Where they share creases of both kinds it is
+ * concave when each lies above the plane of the other; zones that share none are beside each other when each lies below. */
+typedef struct {
+    uint32_t convex[CR_ZONES_MAX], concave[CR_ZONES_MAX], beside[CR_ZONES_MAX];
+} relations;
 
-static int how_zones_meet(const cr_scene *s, const cr_zone *a, const cr_zone *b) {
-    uint32_t label = pair_label(s, a->patch, b->patch);
-    if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
-        return label == CR_PAIR_CONVEX ? ZONES_LINKED : ZONES_CONCAVE;
+static void relate(const cr_scene *s, const cr_area_work *a, uint32_t i, uint32_t j, relations *r) {
+    uint32_t label = pair_label(s, a->zones[i].patch, a->zones[j].patch);
+    cr_vec3 d = v3_sub(a->zones[j].centre_world_m, a->zones[i].centre_world_m);
+    float j_above_i = dot_zone(a, i, d), i_above_j = -dot_zone(a, j, d);
+    int convex = label == CR_PAIR_CONVEX, concave = label == CR_PAIR_CONCAVE, beside = 0;
+    if (label == (CR_PAIR_CONVEX | CR_PAIR_CONCAVE)) {
+        concave = j_above_i > 0.0f && i_above_j > 0.0f;
+        convex = !concave;
+    } else if (label == 0u) {
+        beside = j_above_i <= 0.0f && i_above_j <= 0.0f;
     }
-    cr_vec3 d = v3_sub(b->centre_world_m, a->centre_world_m);
-    float b_above_a = v3_dot(a->normal_world, d), a_above_b = -v3_dot(b->normal_world, d);
-    if (label != 0u) {
-        return b_above_a > 0.0f && a_above_b > 0.0f ? ZONES_CONCAVE : ZONES_LINKED;
-    }
-    return b_above_a <= 0.0f && a_above_b <= 0.0f ? ZONES_LINKED : ZONES_APART;
+    r->convex[i] |= (uint32_t)convex << j;
+    r->concave[i] |= (uint32_t)concave << j;
+    r->beside[i] |= (uint32_t)beside << j;
 }
 
-/* Concave creases split an area: each zone that has one with a zone it is also linked to round the outside leads an area of
- * its own; the rest is shared among the leaders of its convex component in proportion to their weight, so that a zone that
- * fades in or out moves nothing. share[g][z] in 0..1; returns the number of groups. */
-static uint32_t split_at_creases(const cr_scene *s, const cr_area_work *a, const float *alpha,
-                                 float share[][CR_ZONES_MAX]) {
-    uint32_t n = a->zone_count, concave[CR_ZONES_MAX] = {0u}, linked[CR_ZONES_MAX] = {0u};
-    uint32_t component[CR_ZONES_MAX], lead[CR_ZONES_MAX] = {0u};
-    for (uint32_t i = 0; i < n; i++) {
-        component[i] = i;
-        for (uint32_t j = 0; j < i; j++) {
-            int how = how_zones_meet(s, &a->zones[i], &a->zones[j]);
-            concave[i] |= (uint32_t)(how == ZONES_CONCAVE) << j;
-            concave[j] |= (uint32_t)(how == ZONES_CONCAVE) << i;
-            linked[i] |= (uint32_t)(how == ZONES_LINKED) << j;
+static relations relate_zones(const cr_scene *s, const cr_area_work *a) {
+    relations r = {{0u}, {0u}, {0u}};
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        for (uint32_t j = 0; j < a->zone_count; j++) {
+            if (i != j) {
+                relate(s, a, i, j, &r);
+            }
         }
     }
-    for (uint32_t i = 0; i < n; i++) {
-        for (uint32_t j = 0; j < i; j++) {
-            if (((linked[i] >> j) & 1u) && component[i] != component[j]) {
-                uint32_t from = component[i], to = component[j];
-                for (uint32_t k = 0; k < n; k++) {
-                    component[k] = component[k] == from ? to : component[k];
+    return r;
+}
+
+/* Zones that hang together with zone i round the outside. */
+static uint32_t component_of(const relations *r, uint32_t i) {
+    uint32_t found = 1u << i, fresh = found;
+    while (fresh != 0u) {
+        int z = take_lane(&fresh);
+        uint32_t next = (r->convex[z] | r->beside[z]) & ~found;
+        found |= next;
+        fresh |= next;
+    }
+    return found;
+}
+
+/* Shares of one zone that leads nothing: those of the zones it meets, by their weight. */
+static void share_zone(const float *alpha, uint32_t meets, uint32_t z, group *groups, uint32_t count) {
+    float total = 0.0f;
+    for (uint32_t left = meets; left != 0u;) {
+        total += alpha[take_lane(&left)];
+    }
+    float even = 1.0f / (float)count_lanes(meets);
+    for (uint32_t g = 0; g < count; g++) {
+        for (uint32_t left = meets; left != 0u;) {
+            int j = take_lane(&left);
+            groups[g].share[z] += groups[g].share[j] * (total > 0.0f ? alpha[j] / total : even);
+        }
+    }
+}
+
+/* The zones of a mixed corner that lead nothing, ring by ring: first over convex creases, then to what is beside. */
+static void share_out(const relations *r, const float *alpha, uint32_t members, uint32_t leaders, group *groups,
+                      uint32_t count) {
+    uint32_t known = leaders, ring = 1u;
+    while (ring != 0u) {
+        ring = 0u;
+        for (int how = 0; how < 2 && ring == 0u; how++) {
+            for (uint32_t left = members & ~known; left != 0u;) {
+                uint32_t z = (uint32_t)take_lane(&left);
+                uint32_t meets = (how == 0 ? r->convex[z] : r->beside[z]) & known;
+                if (meets != 0u) {
+                    share_zone(alpha, meets, z, groups, count);
+                    ring |= 1u << z;
                 }
             }
         }
+        known |= ring;
     }
-    for (uint32_t i = 0; i < n; i++) {
-        for (uint32_t j = 0; j < n; j++) {
-            lead[i] |= ((concave[i] >> j) & 1u) && component[i] == component[j];
+}
+
+/* Concave creases split an area: zones joined by convex ones answer together, unless a concave crease lies within such a set (a
+ * mixed corner). Then every zone at it leads a group of its own, and the others are shared among those they meet. Returns the
+ * number of groups. */
+static uint32_t split_at_creases(const cr_scene *s, const cr_area_work *a, const float *alpha, group *groups) {
+    const relations r = relate_zones(s, a);
+    static const group none = {{0.0f}, 0u, 0u};
+    uint32_t count = 0u, left = (1u << a->zone_count) - 1u;
+    while (left != 0u) {
+        uint32_t first = left & (~left + 1u), seed = first, leaders = 0u;
+        uint32_t members = component_of(&r, (uint32_t)take_lane(&seed)), base = count;
+        for (uint32_t m = members; m != 0u;) {
+            int z = take_lane(&m);
+            leaders |= (r.concave[z] & members) != 0u ? 1u << z : 0u;
+        }
+        for (uint32_t m = leaders != 0u ? leaders : first; m != 0u;) {
+            groups[count] = none;
+            groups[count++].share[take_lane(&m)] = 1.0f;
+        }
+        share_out(&r, alpha, members, leaders != 0u ? leaders : first, &groups[base], count - base);
+        left &= ~members;
+    }
+    for (uint32_t g = 0; g < count; g++) {
+        for (uint32_t z = 0; z < a->zone_count; z++) {
+            groups[g].own |= (uint32_t)(groups[g].share[z] > 0.0f) << z;
+        }
+        for (uint32_t own = groups[g].own; own != 0u;) {
+            int z = take_lane(&own);
+            groups[g].behind |= (r.concave[z] & ~groups[g].own) != 0u ? 1u << z : 0u;
         }
     }
-    uint32_t groups = 0u;
-    for (uint32_t i = 0; i < n; i++) {
-        int first = 1;
-        float leaders = 0.0f;
-        uint32_t any = 0u;
-        for (uint32_t j = 0; j < n; j++) {
-            if (component[j] == component[i]) {
-                first = first && j >= i;
-                leaders += lead[j] ? alpha[j] : 0.0f;
-                any |= lead[j];
-            }
-        }
-        /* Leaders without weight lead nothing: the component answers as one. */
-        any = leaders > 0.0f ? any : 0u;
-        if (any ? !lead[i] : !first) {
-            continue;
-        }
-        for (uint32_t j = 0; j < n; j++) {
-            int same = component[j] == component[i];
-            float part = any ? alpha[i] / leaders : 1.0f;
-            share[groups][j] = !same ? 0.0f : !any || !lead[j] ? part : (j == i ? 1.0f : 0.0f);
-        }
-        groups++;
-    }
-    return groups;
+    return count;
 }
 
 /* ---- the method as published [1] ---------------------------------------------------------------------------------- */
@@ -580,16 +623,16 @@ static void report_area(const cr_area_work *a, const float *alpha, const float *
     }
 }
 
-/* One group of zones: normal, plane, depth. Returns 0 when it has no direction or no depth. */
+/* One group of zones: normal, plane, depth. A shared zone counts once in all: the group answers with the share it holds of its
+ * zones, so that it appears with force zero. Returns 0 when it has no direction or no depth. */
 static int answer_group(const cr_respond_input *in, uint32_t index, const cr_area_work *a, const weights *w,
-                        const float *share, cr_area *out) {
-    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+                        const group *part, cr_area *out) {
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), whole = sum;
     float offset = 0.0f;
-    uint32_t bits = 0u;
     for (uint32_t i = 0; i < a->zone_count; i++) {
-        sum = v3_mad(sum, w->vector_m2[i], share[i]);
-        offset += w->offset_m3[i] * share[i];
-        bits |= (uint32_t)(share[i] >= 1.0f) << i;
+        sum = v3_mad(sum, w->vector_m2[i], part->share[i]);
+        whole = (part->own >> i) & 1u ? v3_add(whole, w->vector_m2[i]) : whole;
+        offset += w->offset_m3[i] * part->share[i];
     }
     float length = v3_norm(sum);
     if (!(length > 1e-6f * a->sum.area)) {
@@ -597,24 +640,25 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
     out->offset_m = offset / length;
-    float lowest = find_lowest(in, index, a, bits, out->normal_world, out->offset_m);
+    float lowest = find_lowest(in, index, a, part, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
+    float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));
     float raw_m = out->offset_m - lowest;
-    out->depth_m = raw_m * min_f(1.0f, open) * min_f(1.0f, a->sum.peak / PEAK_FULL);
+    out->depth_m = held * raw_m * min_f(1.0f, open) * min_f(1.0f, a->sum.peak / PEAK_FULL);
     /* Less than the rounding of the two heights is no contact. */
     if (!(raw_m > ROUNDING_M + 2e-7f * abs_f(out->offset_m)) || !(out->depth_m > 0.0f)) {
         return 0;
     }
-    out->normal_world = responses[in->config->response].turn(a, share, out->normal_world);
-    out->point_world_m = acting_point(in, a, w, share);
-    report_area(a, w->alpha, share, out);
+    out->normal_world = responses[in->config->response].turn(a, part->share, out->normal_world);
+    out->point_world_m = acting_point(in, a, w, part->share);
+    report_area(a, w->alpha, part->share, out);
     return 1;
 }
 
 static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr_area_work *a, cr_area *out,
                             uint32_t room) {
     weights w;
-    float share[CR_ZONES_MAX][CR_ZONES_MAX];
+    group groups[CR_ZONES_MAX];
     uint32_t made = 0u;
     cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
     if (in->config->coverage == CR_COVERAGE_HARD && responses[in->config->response].as_published) {
@@ -622,16 +666,18 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
     }
     weigh_by_cone(in, a, s, w.alpha);
     make_generators(in, index, a, s, &w);
-    uint32_t groups = split_at_creases(in->field->scene, a, w.alpha, share);
-    for (uint32_t g = 0; g < groups && made < room; g++) {
-        made += (uint32_t)answer_group(in, index, a, &w, share[g], &out[made]);
+    uint32_t count = split_at_creases(in->field->scene, a, w.alpha, groups);
+    for (uint32_t g = 0; g < count && made < room; g++) {
+        made += (uint32_t)answer_group(in, index, a, &w, &groups[g], &out[made]);
     }
-    if (made == 0u && groups > 1u && room > 0u) {
+    if (made == 0u && count > 1u && room > 0u) {
         /* No part of a split area reached deep enough on its own: it answers as one. */
+        groups[0].own = (1u << a->zone_count) - 1u;
+        groups[0].behind = 0u;
         for (uint32_t i = 0; i < a->zone_count; i++) {
-            share[0][i] = 1.0f;
+            groups[0].share[i] = 1.0f;
         }
-        made = (uint32_t)answer_group(in, index, a, &w, share[0], &out[0]);
+        made = (uint32_t)answer_group(in, index, a, &w, &groups[0], &out[0]);
     }
     return made;
 }

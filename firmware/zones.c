@@ -26,17 +26,26 @@ static void join(cr_hit *hits, uint32_t a, uint32_t b) {
     }
 }
 
+/* Joins hit i with the hits of a neighbouring cluster, from `other` on, that hold lanes beside it. */
+static void join_beside(cr_hit *hits, uint32_t i, uint32_t other, const struct cr_img_neighbour *beside) {
+    for (; other < i && hits[other].cluster == beside->cluster; other++) {
+        if ((hits[other].covered & beside->theirs) != 0) {
+            join(hits, i, other);
+        }
+    }
+}
+
 static void connect_hits(const cr_scene *s, uint16_t *hit_of_cluster, cr_contact_set *set) {
     for (uint32_t i = 0; i < set->hit_count; i++) {
         uint32_t cluster = set->hits[i].cluster;
         set->hits[i].area = (uint16_t)i;
-        hit_of_cluster[cluster] = (uint16_t)i;
+        if (hit_of_cluster[cluster] == CR_HIT_NONE) {
+            hit_of_cluster[cluster] = (uint16_t)i;
+        }
         for (uint32_t k = s->adj_start[cluster]; k < s->adj_start[cluster + 1u]; k++) {
             const struct cr_img_neighbour *beside = &s->adj[k];
-            uint32_t other = hit_of_cluster[beside->cluster];
-            if (other != CR_HIT_NONE && (set->hits[i].covered & beside->mine) != 0 &&
-                (set->hits[other].covered & beside->theirs) != 0) {
-                join(set->hits, i, other);
+            if ((set->hits[i].covered & beside->mine) != 0) {
+                join_beside(set->hits, i, hit_of_cluster[beside->cluster], beside);
             }
         }
     }

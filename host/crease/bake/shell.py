@@ -510,28 +510,38 @@ def _fill_group(row: Any, below: _Level, part: I64, child_base: int) -> None:
     row["count"] = len(part)
 
 
-def make_adjacency(
-    samples: Samples, groups: list[I64], spacing_m: float
-) -> tuple[npt.NDArray[np.uint32], npt.NDArray[Any]]:
-    """Which clusters are neighbours on the tool surface and by which lanes, as start offsets and records."""
-    cluster_of = np.empty(len(samples.position_m), np.int64)
-    lane_of = np.empty(len(samples.position_m), np.int64)
-    for i, ids in enumerate(groups):
-        cluster_of[ids] = i
-        lane_of[ids] = np.arange(len(ids))
+def neighbours(samples: Samples, spacing_m: float) -> I64:
+    """Pairs of samples beside each other on the tool surface, (n, 2)."""
     pairs = cKDTree(samples.position_m).query_pairs(1.6 * spacing_m, output_type="ndarray")
     if len(pairs):
         cosine = np.einsum("nx,nx->n", samples.normal[pairs[:, 0]], samples.normal[pairs[:, 1]])
         pairs = pairs[(cosine > SHARED_SHEET) | samples.feature[pairs].any(axis=1)]
+    return np.asarray(pairs, dtype=np.int64)
+
+
+def make_adjacency(
+    clusters: npt.NDArray[Any], groups: list[I64], pairs: I64
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[Any]]:
+    """Which samples are beside each other: within a cluster into clusters["beside"], across clusters as start offsets and
+    records, one for each sample and each cluster beside it."""
+    count = sum(len(ids) for ids in groups)
+    cluster_of, lane_of = np.empty(count, np.int64), np.empty(count, np.int64)
+    for i, ids in enumerate(groups):
+        cluster_of[ids] = i
+        lane_of[ids] = np.arange(len(ids))
     both = np.concatenate([pairs, pairs[:, ::-1]])
-    both = both[cluster_of[both[:, 0]] != cluster_of[both[:, 1]]]
-    links, where = np.unique(cluster_of[both], axis=0, return_inverse=True)
+    bit = (1 << lane_of[both]).astype(np.uint16)
+    home = cluster_of[both]
+    within = home[:, 0] == home[:, 1]
+    own = (home[within, 0], lane_of[both[within, 0]])
+    np.bitwise_or.at(clusters["beside"], own, bit[within, 1])
+    home, bit = home[~within], bit[~within]
+    keys = np.column_stack([home, bit[:, 0]])
+    links, where = np.unique(keys, axis=0, return_inverse=True)
     out = np.zeros(len(links), NEIGHBOUR)
-    out["cluster"] = links[:, 1] if len(links) else 0
-    np.bitwise_or.at(out["mine"], where.reshape(-1), (1 << lane_of[both[:, 0]]).astype(np.uint16))
-    np.bitwise_or.at(out["theirs"], where.reshape(-1), (1 << lane_of[both[:, 1]]).astype(np.uint16))
-    starts = links[:, 0] if len(links) else np.zeros(0, np.int64)
-    return np.searchsorted(starts, np.arange(len(groups) + 1)).astype(np.uint32), out
+    out["cluster"], out["mine"] = links[:, 1], links[:, 2]
+    np.bitwise_or.at(out["theirs"], where.reshape(-1), bit[:, 1])
+    return np.searchsorted(links[:, 0], np.arange(len(groups) + 1)).astype(np.uint32), out
 
 
 def make_shell(surface: Surface, spacing_m: float) -> Shell:
@@ -540,7 +550,7 @@ def make_shell(surface: Surface, spacing_m: float) -> Shell:
     order = cluster_order(samples, spacing_m)
     clusters = make_clusters(samples, order)
     groups, levels = make_tree(clusters)
-    start, adj = make_adjacency(samples, order, spacing_m)
+    start, adj = make_adjacency(clusters, order, neighbours(samples, spacing_m))
     root, radius = ball(samples.position_m, np.zeros(len(samples.position_m)))
     return Shell(
         clusters,
