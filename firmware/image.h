@@ -144,13 +144,13 @@ struct cr_img_cluster {
     /* Second moment of the sample's piece of surface times 12: g^T w g is the squared width over which a distance with gradient
      * g varies across the piece. m^2. */
     float wxx[CR_LANES], wyy[CR_LANES], wzz[CR_LANES], wxy[CR_LANES], wyz[CR_LANES], wzx[CR_LANES];
-    float ramp[CR_LANES];  /* half the largest such width for a unit gradient: where coverage can begin, m */
-    float reach[CR_LANES]; /* half the length of a crease piece, m; 0 for other samples */
-    uint32_t count;        /* lanes in use */
-    uint32_t vertex_mask;  /* lanes that are corners or other vertices of the mesh */
-    uint32_t crease_mask;  /* lanes that are straight pieces of creases: their middles */
-    float normal[3];       /* mean outward normal, unit or zero */
-    float radius_m;        /* sphere about the mean position that holds the points */
+    float ramp[CR_LANES];      /* half the largest such width for a unit gradient: where coverage can begin, m */
+    float reach[CR_LANES];     /* half the length of a crease piece, m; 0 for other samples */
+    uint32_t count;            /* lanes in use */
+    uint32_t vertex_mask;      /* lanes that are corners or other vertices of the mesh */
+    uint32_t crease_mask;      /* lanes that are straight pieces of creases: their middles */
+    float normal[3];           /* mean outward normal, unit or zero */
+    float radius_m;            /* sphere about the mean position that holds the points */
     uint16_t beside[CR_LANES]; /* lanes of this cluster beside each lane on the tool surface */
     uint32_t pad;
 };

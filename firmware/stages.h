@@ -52,14 +52,15 @@ uint32_t cr_field_kind(const cr_field *field, const cr_lookup *at, int lane);
 void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float *y, const float *z,
                        cr_lanes3 *world_m);
 
-/* A cluster with coverage: what it adds to its contact area. Tool frame, so that whole clusters need no arithmetic. */
+/* Covered lanes of a cluster that hang together: what they add to their contact area. Tool frame, so that whole clusters need no
+ * arithmetic. */
 typedef struct {
     uint32_t cluster;
     uint16_t covered; /* lanes with any coverage */
     uint16_t inside;  /* lanes with phi <= 0 */
-    uint16_t near;  /* crease lanes whose piece may be inside where its middle is not: phi < reach */
-    uint16_t area;  /* set by zones: index of the contact area */
-    uint16_t whole; /* 1: every lane fully covered */
+    uint16_t near;    /* crease lanes whose piece may be inside where its middle is not: phi < reach */
+    uint16_t area;    /* set by zones: index of the contact area */
+    uint16_t whole;   /* 1: every lane fully covered */
     struct cr_img_sum sum;
 } cr_hit;
 
@@ -103,7 +104,8 @@ typedef struct {
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
 void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
-/* Purpose  the clusters of the shell that reach into the static object, in ascending order, with their coverage sums and
+/* Purpose  the clusters of the shell that reach into the static object, in ascending order, one hit for each connected set of
+ *          covered lanes, with their coverage sums and
  *          the surfaces they touch.
  * Output   *set; the same to the bit for every subset of options->skip.
  * Errors   none: capacities are counted in stats.

@@ -352,6 +352,18 @@ static void fill_lane(const crt_tool *t, struct cr_img_cluster *c, int lane, con
     c->reach[lane] = real ? (float)s->reach_m : 0.0f;
 }
 
+/* Lanes of cluster b beside sample i. */
+static uint16_t lanes_beside(const crt_tool *t, uint32_t i, uint32_t b) {
+    double limit = 1.6 * t->spacing_m;
+    uint32_t lanes = 0u;
+    for (uint32_t j = t->start[b]; j < t->start[b + 1u]; j++) {
+        const double *p = t->samples[i].pos_m, *q = t->samples[j].pos_m;
+        double apart2 = pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2);
+        lanes |= (uint32_t)(i != j && apart2 < limit * limit) << (j - t->start[b]);
+    }
+    return (uint16_t)lanes;
+}
+
 static void fill_cluster(const crt_tool *t, uint32_t index, struct cr_img_cluster *c, struct cr_img_sum *sum) {
     uint32_t first = t->start[index], count = t->start[index + 1u] - first;
     double mean[3] = {0.0}, normal[3] = {0.0};
@@ -374,6 +386,7 @@ static void fill_cluster(const crt_tool *t, uint32_t index, struct cr_img_cluste
     }
     for (uint32_t i = 0; i < count; i++) {
         const double *q = t->samples[first + i].pos_m;
+        c->beside[i] = lanes_beside(t, first + i, index);
         double r = sqrt(pow(q[0] - mean[0], 2) + pow(q[1] - mean[1], 2) + pow(q[2] - mean[2], 2));
         c->radius_m = fmaxf(c->radius_m, (float)(r * (1.0 + 1e-6) + 1e-9));
     }
@@ -447,42 +460,30 @@ static void fill_tree(const crt_tool *t, parts *p, struct cr_img_meta *m) {
     ball_of(t, 0u, t->cluster_count, m->root_centre_m, &m->root_radius_m, &m->ramp_max_m, &m->tool_radius_m);
 }
 
-/* Lanes by which two clusters are neighbours. */
-static struct cr_img_neighbour lanes_that_touch(const crt_tool *t, uint32_t a, uint32_t b) {
-    double limit = 1.6 * t->spacing_m;
-    struct cr_img_neighbour beside = {b, 0u, 0u};
-    for (uint32_t i = t->start[a]; i < t->start[a + 1u]; i++) {
-        for (uint32_t j = t->start[b]; j < t->start[b + 1u]; j++) {
-            const double *p = t->samples[i].pos_m, *q = t->samples[j].pos_m;
-            if (pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2) < limit * limit) {
-                beside.mine = (uint16_t)(beside.mine | 1u << (i - t->start[a]));
-                beside.theirs = (uint16_t)(beside.theirs | 1u << (j - t->start[b]));
-            }
-        }
-    }
-    return beside;
-}
-
 static int spheres_far(const crt_tool *t, const struct cr_img_cluster *c, uint32_t a, uint32_t b) {
     const double *p = t->samples[t->start[a]].pos_m, *q = t->samples[t->start[b]].pos_m;
     double d = sqrt(pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2));
     return d > 2.0 * (double)(c[a].radius_m + c[b].radius_m) + 2.0 * t->spacing_m;
 }
 
+#define NEIGHBOURS_MAX 256u
+
 static void fill_neighbours(const crt_tool *t, parts *p) {
     const struct cr_img_cluster *clusters = (const struct cr_img_cluster *)(const void *)p->bytes[CR_SEC_CLUSTERS];
     uint32_t *start = add_part(p, CR_SEC_ADJ_START, t->cluster_count + 1u, sizeof *start);
-    struct cr_img_neighbour *adj = add_part(p, CR_SEC_ADJ, t->cluster_count * 64u, sizeof *adj);
+    struct cr_img_neighbour *adj = add_part(p, CR_SEC_ADJ, t->cluster_count * NEIGHBOURS_MAX, sizeof *adj);
     uint32_t count = 0u;
     for (uint32_t a = 0; a < t->cluster_count; a++) {
         for (uint32_t b = 0; b < t->cluster_count; b++) {
             if (a == b || spheres_far(t, clusters, a, b)) {
                 continue;
             }
-            struct cr_img_neighbour beside = lanes_that_touch(t, a, b);
-            if (beside.mine != 0u) {
-                assert_true(count < t->cluster_count * 64u);
-                adj[count++] = beside;
+            for (uint32_t i = t->start[a]; i < t->start[a + 1u]; i++) {
+                struct cr_img_neighbour beside = {b, (uint16_t)(1u << (i - t->start[a])), lanes_beside(t, i, b)};
+                if (beside.theirs != 0u) {
+                    assert_true(count < t->cluster_count * NEIGHBOURS_MAX);
+                    adj[count++] = beside;
+                }
             }
         }
         start[a + 1u] = count;

@@ -252,6 +252,45 @@ static void detect_counts_the_points_inside(void **state) {
     crt_close(&rig);
 }
 
+static int lanes_are_beside(const struct cr_img_cluster *c, int a, int b, double limit_m) {
+    double x = (double)c->x[a] - (double)c->x[b], y = (double)c->y[a] - (double)c->y[b];
+    double z = (double)c->z[a] - (double)c->z[b];
+    return x * x + y * y + z * z < limit_m * limit_m;
+}
+
+/* What a cluster covers in one place is no part of what it covers in another. */
+static void detect_tells_covered_lanes_apart_that_do_not_touch(void **state) {
+    (void)state;
+    crt_solid room = crt_room(-15e-3, 15e-3, 20e-3, -20e-3, 20e-3);
+    crt_rig rig;
+    open_cube_on(&rig, &room);
+    detector d = make_detector(&rig, CR_SKIP_ALL, CR_COVERAGE_SOFT, &sets[0]);
+    const double limit_m = 1.6 * 1.5e-3;
+    uint64_t seed = 17u;
+    uint32_t parted = 0u;
+    for (int n = 0; n < 2000; n++) {
+        cr_pose pose = random_pose(&seed, 12e-3);
+        detect(&d, &rig, &pose);
+        for (uint32_t h = 0; h < d.set->hit_count; h++) {
+            const cr_hit *hit = &d.set->hits[h];
+            const struct cr_img_cluster *c = &rig.scene.clusters[hit->cluster];
+            for (uint32_t g = h + 1u; g < d.set->hit_count && d.set->hits[g].cluster == hit->cluster; g++) {
+                parted++;
+                assert_int_equal(hit->covered & d.set->hits[g].covered, 0);
+                for (int a = 0; a < CR_LANES; a++) {
+                    for (int b = 0; b < CR_LANES; b++) {
+                        int both = ((hit->covered >> a) & 1) && ((d.set->hits[g].covered >> b) & 1);
+                        assert_false(both && lanes_are_beside(c, a, b, limit_m));
+                    }
+                }
+            }
+        }
+    }
+    assert_true(parted > 10u);
+    free(d.motion.wake_m);
+    crt_close(&rig);
+}
+
 static void detect_hits_are_in_ascending_order_of_clusters(void **state) {
     (void)state;
     crt_solid room = crt_room(-15e-3, 15e-3, 20e-3, -20e-3, 20e-3);
@@ -263,7 +302,7 @@ static void detect_hits_are_in_ascending_order_of_clusters(void **state) {
         cr_pose pose = random_pose(&seed, 12e-3);
         detect(&d, &rig, &pose);
         for (uint32_t h = 1; h < d.set->hit_count; h++) {
-            assert_true(d.set->hits[h - 1u].cluster < d.set->hits[h].cluster);
+            assert_true(d.set->hits[h - 1u].cluster <= d.set->hits[h].cluster);
         }
         for (uint32_t t = 1; t < d.set->touch_count; t++) {
             assert_true(d.set->touches[t - 1u].hit <= d.set->touches[t].hit);
@@ -412,6 +451,7 @@ int main(void) {
         cmocka_unit_test(detect_looks_at_no_point_while_the_tool_rests_in_free_space),
         cmocka_unit_test(detect_coverage_of_a_face_is_exact),
         cmocka_unit_test(detect_counts_the_points_inside),
+        cmocka_unit_test(detect_tells_covered_lanes_apart_that_do_not_touch),
         cmocka_unit_test(detect_hits_are_in_ascending_order_of_clusters),
         cmocka_unit_test(detect_counts_what_exceeds_its_capacities),
         cmocka_unit_test(detect_odometers_bound_the_motion_of_every_point),
