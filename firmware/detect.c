@@ -330,7 +330,7 @@ static float smallest_clearance(const struct cr_img_cluster *c, const cr_lookup 
 /* Lanes of `among` that are beside `seed`, or beside those, and so on. */
 static uint32_t connected_lanes(const struct cr_img_cluster *c, uint32_t seed, uint32_t among) {
     uint32_t found = seed, fresh = seed;
-    while (fresh != 0u) {
+    while (fresh != 0u && found != among) {
         uint32_t next = c->beside[take_lane(&fresh)] & among & ~found;
         found |= next;
         fresh |= next;
@@ -347,6 +347,46 @@ typedef struct {
     uint32_t inside, near;
 } looked;
 
+/* The one planar facet that all these lanes are over, or CR_FACET_NONE. */
+static uint32_t common_facet(const walk *w, const looked *l, uint32_t lanes) {
+    const cr_scene *s = w->scene;
+    uint32_t common = CR_FACET_NONE, plain = CR_TOP_FAR; /* plain: the last brick that has one kind for all of it */
+    if ((lanes & l->at->from_facet) != 0u) {
+        return CR_FACET_NONE;
+    }
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        uint32_t entry = l->at->entry[i];
+        if (entry == plain) {
+            continue;
+        }
+        const struct cr_img_kind *kind = &s->kinds[cr_field_kind(w->field, l->at, i)];
+        uint32_t facet = kind->facet[0];
+        if (kind->count != 1u || s->facets[facet].curved || (common != CR_FACET_NONE && facet != common)) {
+            return CR_FACET_NONE;
+        }
+        common = facet;
+        plain = s->bricks[entry].cells == CR_CELLS_NONE ? entry : plain;
+    }
+    return common;
+}
+
+/* The touch of a hit that lies over one planar facet, from its sums: points project onto the plane all alike. */
+static void touch_plane(walk *w, const cr_hit *hit, uint32_t facet) {
+    const struct cr_img_facet *plane = &w->scene->facets[facet];
+    const struct cr_img_sum *sum = &hit->sum;
+    cr_touch *touch = find_touch(w, w->set->touch_count, facet);
+    if (touch == NULL) {
+        return;
+    }
+    cr_vec3 normal = v3_from(plane->normal);
+    cr_vec3 points = v3_mad(xform_rotate(w->pose, v3(sum->px, sum->py, sum->pz)), w->pose->t, sum->area);
+    touch->area_m2 = sum->area;
+    touch->normal_sum_m2 = v3_scale(normal, sum->area);
+    touch->point_sum_m3 = v3_mad(points, normal, plane->offset_m * sum->area - v3_dot(normal, points));
+    touch->tool_sum_m2 = v3(sum->ax, sum->ay, sum->az);
+}
+
 /* The hit of some covered lanes of a cluster that hang together. */
 static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lanes) {
     cr_hit *hit = add_hit(w, cluster);
@@ -358,7 +398,7 @@ static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lane
     for (int i = 0; i < CR_LANES; i++) {
         share[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
     }
-    for (uint32_t left = lanes; left != 0u;) {
+    for (uint32_t left = l->near != 0u ? lanes : 0u; left != 0u;) {
         around |= l->c->beside[take_lane(&left)];
     }
     hit->covered = (uint16_t)lanes;
@@ -368,6 +408,11 @@ static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lane
     cr_sum_cluster(l->c, share, &hit->sum);
     w->stats->contacts += count_lanes(hit->inside);
     w->stats->clusters++;
+    uint32_t facet = common_facet(w, l, lanes);
+    if (facet != CR_FACET_NONE) {
+        touch_plane(w, hit, facet);
+        return;
+    }
     while (lanes != 0u) {
         int i = take_lane(&lanes);
         cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), share[i]);

@@ -29,7 +29,7 @@ static void join(cr_hit *hits, uint32_t a, uint32_t b) {
 /* Joins hit i with the hits of a neighbouring cluster, from `other` on, that hold lanes beside it. */
 static void join_beside(cr_hit *hits, uint32_t i, uint32_t other, const struct cr_img_neighbour *beside) {
     for (; other < i && hits[other].cluster == beside->cluster; other++) {
-        if ((hits[other].covered & beside->theirs) != 0) {
+        if ((hits[other].covered & beside->theirs) != 0 && hits[other].area != hits[i].area) {
             join(hits, i, other);
         }
     }
@@ -42,8 +42,9 @@ static void connect_hits(const cr_scene *s, uint16_t *hit_of_cluster, cr_contact
         if (hit_of_cluster[cluster] == CR_HIT_NONE) {
             hit_of_cluster[cluster] = (uint16_t)i;
         }
-        for (uint32_t k = s->adj_start[cluster]; k < s->adj_start[cluster + 1u]; k++) {
-            const struct cr_img_neighbour *beside = &s->adj[k];
+        /* Every pair is listed from both sides: the side that comes later sees both hits. */
+        const struct cr_img_neighbour *beside = &s->adj[s->adj_start[cluster]], *end = &s->adj[s->adj_start[cluster + 1u]];
+        for (; beside < end && beside->cluster < cluster; beside++) {
             if ((set->hits[i].covered & beside->mine) != 0) {
                 join_beside(set->hits, i, hit_of_cluster[beside->cluster], beside);
             }
