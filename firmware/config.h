@@ -7,6 +7,16 @@
  * property of the format, not a knob. */
 #define CR_LANES 16
 
+/* 1: lookups go lane by lane, and only where they are asked for; 0: sixteen lanes abreast, which compilers turn into vector code. The
+ * answers are the same to the bit. A Cortex-M7 has no vectors of float, and takes a third of the instructions with 1. */
+#ifndef CR_SCALAR
+#if defined(__SSE2__) || defined(__ARM_NEON)
+#define CR_SCALAR 0
+#else
+#define CR_SCALAR 1
+#endif
+#endif
+
 /* Depth of the sphere tree in groups. 16^6 clusters hold 268 million points; the traversal stack has this length. */
 #ifndef CR_TREE_DEPTH_MAX
 #define CR_TREE_DEPTH_MAX 6
