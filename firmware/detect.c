@@ -62,15 +62,30 @@ typedef struct {
     cr_lookup centres;
 } batch;
 
+#if CR_SCALAR
+/* Sum of w v in the same order of addition as with vectors, in one expression, so that all of it stays in registers. */
+static inline float sum_products(const float *w, const float *v) {
+    float a = (w[0] * v[0] + w[8] * v[8]) + (w[4] * v[4] + w[12] * v[12]);
+    float b = (w[2] * v[2] + w[10] * v[10]) + (w[6] * v[6] + w[14] * v[14]);
+    float c = (w[1] * v[1] + w[9] * v[9]) + (w[5] * v[5] + w[13] * v[13]);
+    float d = (w[3] * v[3] + w[11] * v[11]) + (w[7] * v[7] + w[15] * v[15]);
+    return (a + b) + (c + d);
+}
+#else
 /* Fixed order of addition: lane i with lane i + 8, then 4, 2, 1. */
-static float sum_lanes(float *v) {
+static inline float sum_products(const float *w, const float *v) {
+    float t[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        t[i] = w[i] * v[i];
+    }
     for (int width = CR_LANES / 2; width > 0; width /= 2) {
         for (int i = 0; i < width; i++) {
-            v[i] += v[i + width];
+            t[i] += t[i + width];
         }
     }
-    return v[0];
+    return t[0];
 }
+#endif
 
 /* Least share of the full width over which a sample fades in: a face that comes down flat would otherwise switch on at once. */
 #define WIDTH_MIN 0.25f
@@ -87,6 +102,10 @@ static void find_coverage(const walk *w, const struct cr_img_cluster *c, const c
     }
     const xform m = *w->pose;
     for (int i = 0; i < CR_LANES; i++) {
+        if (CR_SCALAR && !(abs_f(at->phi_m[i]) < c->ramp[i])) {
+            coverage[i] = at->phi_m[i] > 0.0f ? 0.0f : 1.0f; /* as the formula has it: the width is at most two ramps */
+            continue;
+        }
         float gx = m.r0.x * at->gx[i] + m.r1.x * at->gy[i] + m.r2.x * at->gz[i];
         float gy = m.r0.y * at->gx[i] + m.r1.y * at->gy[i] + m.r2.y * at->gz[i];
         float gz = m.r0.z * at->gx[i] + m.r1.z * at->gy[i] + m.r2.z * at->gz[i];
@@ -126,23 +145,18 @@ static float crease_coverage(const walk *w, const struct cr_img_cluster *c, cons
 }
 
 void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {
-    float ax[CR_LANES], ay[CR_LANES], az[CR_LANES], px[CR_LANES], py[CR_LANES], pz[CR_LANES], area[CR_LANES];
+    float area[CR_LANES], one[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
-        ax[i] = w[i] * c->ax[i];
-        ay[i] = w[i] * c->ay[i];
-        az[i] = w[i] * c->az[i];
         area[i] = w[i] * c->area[i];
-        px[i] = area[i] * c->x[i];
-        py[i] = area[i] * c->y[i];
-        pz[i] = area[i] * c->z[i];
+        one[i] = 1.0f;
     }
-    sum->ax = sum_lanes(ax);
-    sum->ay = sum_lanes(ay);
-    sum->az = sum_lanes(az);
-    sum->px = sum_lanes(px);
-    sum->py = sum_lanes(py);
-    sum->pz = sum_lanes(pz);
-    sum->area = sum_lanes(area);
+    sum->ax = sum_products(w, c->ax);
+    sum->ay = sum_products(w, c->ay);
+    sum->az = sum_products(w, c->az);
+    sum->px = sum_products(area, c->x);
+    sum->py = sum_products(area, c->y);
+    sum->pz = sum_products(area, c->z);
+    sum->area = sum_products(area, one);
     sum->peak = w[0];
     for (int i = 1; i < CR_LANES; i++) {
         sum->peak = max_f(sum->peak, w[i]);
@@ -427,7 +441,7 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     const uint32_t used = (1u << c->count) - 1u;
     cr_lanes3 world;
     cr_lookup at;
-    float coverage[CR_LANES], zero[CR_LANES] = {0.0f}, negative[CR_LANES], one[CR_LANES];
+    float coverage[CR_LANES];
     cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
     cr_field_look_up(w->field, &world, &at);
     w->stats->points += c->count;
@@ -439,25 +453,22 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
             coverage[i] = crease_coverage(w, c, &at, i, v3(world.x[i], world.y[i], world.z[i]));
         }
     }
+    uint32_t covered = 0u, partial = 0u, outside = 0u, near = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        negative[i] = -at.phi_m[i];
-        one[i] = 1.0f;
+        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+        partial |= (uint32_t)(coverage[i] < 1.0f) << i;
+        outside |= (uint32_t)(at.phi_m[i] > 0.0f) << i;
+        near |= (uint32_t)(at.phi_m[i] < c->reach[i]) << i;
     }
-    uint32_t covered = lanes_where_below(zero, coverage) & used;
-    uint32_t partial = lanes_where_below(coverage, one) & used;
+    covered &= used;
     if (covered == 0u) {
         return max_f(0.0f, smallest_clearance(c, &at, w->slack_out_m));
     }
-    if (partial == 0u) {
+    if ((partial & used) == 0u) {
         take_whole(w, cluster, b, lane);
         return 0.0f;
     }
-    const looked l = {c,
-                      &world,
-                      &at,
-                      coverage,
-                      ~lanes_where_below(negative, zero) & used,
-                      c->crease_mask & lanes_where_below(at.phi_m, c->reach)};
+    const looked l = {c, &world, &at, coverage, ~outside & used, c->crease_mask & near};
     while (covered != 0u) {
         uint32_t lanes = connected_lanes(c, covered & (~covered + 1u), covered);
         take_lanes(w, cluster, &l, lanes);
@@ -520,7 +531,7 @@ static void flush_batch(walk *w, batch *b) {
     w->kernels++;
     w->stats->nodes += b->count;
     cr_lanes_to_world(w->pose, b->x, b->y, b->z, &b->world);
-    cr_field_look_up(w->field, &b->world, &b->centres);
+    cr_field_look_up_lanes(w->field, &b->world, (1u << b->count) - 1u, &b->centres);
     for (uint32_t i = 0; i < b->count; i++) {
         visit_cluster(w, b, (int)i);
     }
@@ -554,21 +565,20 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     }
     cr_lanes3 world;
     cr_lookup centres;
-    float clearance[CR_LANES], zero[CR_LANES] = {0.0f};
     float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
     w->kernels++;
     w->stats->nodes += count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
-    cr_field_look_up(w->field, &world, &centres);
-    for (int i = 0; i < CR_LANES; i++) {
-        clearance[i] = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
+    cr_field_look_up_lanes(w->field, &world, lanes, &centres);
+    for (uint32_t left = lanes; left != 0u;) {
+        int i = take_lane(&left);
+        float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
+        if (clearance > 0.0f) {
+            wake[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance * 0.999999f;
+            lanes &= ~(1u << i);
+        }
     }
-    uint32_t free = lanes_where_below(zero, clearance) & lanes, asleep = free;
-    while (asleep != 0u) {
-        int i = take_lane(&asleep);
-        wake[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance[i] * 0.999999f;
-    }
-    return lanes & ~free;
+    return lanes;
 }
 
 /* What is left to do in one group on the way down. */
@@ -609,7 +619,7 @@ static int tool_is_free(walk *w) {
         p.y[i] = c.y;
         p.z[i] = c.z;
     }
-    cr_field_look_up(w->field, &p, &at);
+    cr_field_look_up_lanes(w->field, &p, 1u, &at);
     w->stats->nodes++;
     float clearance = at.phi_m[0] - m->root_radius_m - m->ramp_max_m - w->slack_out_m;
     w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : WAKE_NOW;

@@ -178,7 +178,7 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     if ((*lanes & ~straight) == 0u) {
         return;
     }
-    cr_field_look_up(in->field, world, &again);
+    cr_field_look_up_lanes(in->field, world, *lanes & ~straight, &again);
     uint32_t unsure = 0u;
     for (uint32_t left = *lanes & ~straight; left != 0u;) {
         int i = take_lane(&left);
@@ -194,7 +194,7 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     if ((unsure & *lanes) == 0u) {
         return;
     }
-    cr_field_look_up(in->field, world, &again);
+    cr_field_look_up_lanes(in->field, world, unsure & *lanes, &again);
     const float close_m = in->field->scene->meta->error_max_m + LANDING_M;
     for (uint32_t left = unsure & *lanes; left != 0u;) {
         int i = take_lane(&left);
@@ -215,7 +215,7 @@ static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, u
     cr_lanes3 world;
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
-    cr_field_look_up(in->field, &world, &at);
+    cr_field_look_up_lanes(in->field, &world, hit->inside, &at);
     for (uint32_t left = hit->inside & ((1u << c->count) - 1u); left != 0u;) {
         int i = take_lane(&left);
         if (abs_f(at.phi_m[i]) < s->meta->band_m && lane_is_on(in->field, &at, i, patch)) {
@@ -321,6 +321,9 @@ static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hi
     const cr_vec3 n = d->n_tool;
     uint32_t lanes = 0u;
     for (int i = 0; i < CR_LANES; i++) {
+        if (CR_SCALAR && !((hit->near >> i) & 1u)) {
+            continue;
+        }
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float fall2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
         float fall = c->reach[i] * sqrtf(max_f(0.0f, fall2)) / (2.0f * c->ramp[i]);
@@ -340,7 +343,7 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     cr_lanes3 world;
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
-    cr_field_look_up(in->field, &world, &at);
+    cr_field_look_up_lanes(in->field, &world, lanes, &at);
     enter_pieces(in, c, d->n_tool, &at, &world, &lanes);
     while (lanes != 0u) {
         cr_vec3 p = lane_of(&world, take_lane(&lanes));

@@ -43,7 +43,8 @@ static void connect_hits(const cr_scene *s, uint16_t *hit_of_cluster, cr_contact
             hit_of_cluster[cluster] = (uint16_t)i;
         }
         /* Every pair is listed from both sides: the side that comes later sees both hits. */
-        const struct cr_img_neighbour *beside = &s->adj[s->adj_start[cluster]], *end = &s->adj[s->adj_start[cluster + 1u]];
+        const struct cr_img_neighbour *beside = &s->adj[s->adj_start[cluster]],
+                                      *end = &s->adj[s->adj_start[cluster + 1u]];
         for (; beside < end && beside->cluster < cluster; beside++) {
             if ((set->hits[i].covered & beside->mine) != 0) {
                 join_beside(set->hits, i, hit_of_cluster[beside->cluster], beside);

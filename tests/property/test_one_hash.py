@@ -18,6 +18,7 @@ BUILDS = [
     *(f"{cc} {level}" for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2", "-O3")),
     "gcc -O3 -march=native",
     "clang -O3 -march=native",
+    "gcc -O2 -DCR_SCALAR=1",
 ]
 
 
