@@ -146,6 +146,7 @@ struct cr_img_cluster {
     float wxx[CR_LANES], wyy[CR_LANES], wzz[CR_LANES], wxy[CR_LANES], wyz[CR_LANES], wzx[CR_LANES];
     float ramp[CR_LANES];      /* half the largest such width for a unit gradient: where coverage can begin, m */
     float reach[CR_LANES];     /* half the length of a crease piece, m; 0 for other samples */
+    float bow[CR_LANES];       /* how far a face sample\'s piece bends back behind its plane, m; 0 where it is flat */
     uint32_t count;            /* lanes in use */
     uint32_t vertex_mask;      /* lanes that are corners or other vertices of the mesh */
     uint32_t crease_mask;      /* lanes that are straight pieces of creases: their middles */

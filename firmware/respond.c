@@ -14,8 +14,11 @@
 #define LANDING_M 1e-6f
 /* Rounding of heights near the origin; elsewhere it grows with the offset. */
 #define ROUNDING_M 1e-8f
-/* A force fades in over this much coverage of the best covered sample: a static corner between samples comes and goes gently. */
-#define PEAK_FULL 0.25f
+/* Part of a face sample's piece, from its middle to its border, that is certainly on the tool whatever the piece's shape: the half
+ * width of a triangle, by its second moment, reaches 1.22 times as far as its border. */
+#define FACE_PART 0.8f
+/* A piece of face that is entered beside its sample counts in full from this coverage on: it comes and goes gently. */
+#define FACE_FULL 0.125f
 /* Sweeps over the zones' planes to find their common point; two planes at 30 degrees converge by 0.75 a sweep. */
 #define COMMON_POINT_SWEEPS 24
 /* Share of closed surface below which an area has no direction: the tool is wholly inside. */
@@ -91,14 +94,19 @@ static const struct {
     [CR_RESPONSE_FIXED45] = {turn_to_45, 0u},
 };
 
+/* W v for one lane. */
+static cr_vec3 spread_times(const struct cr_img_cluster *c, int lane, cr_vec3 v) {
+    return v3(c->wxx[lane] * v.x + c->wxy[lane] * v.y + c->wzx[lane] * v.z,
+              c->wxy[lane] * v.x + c->wyy[lane] * v.y + c->wyz[lane] * v.z,
+              c->wzx[lane] * v.x + c->wyz[lane] * v.y + c->wzz[lane] * v.z);
+}
+
 /* Where a piece of crease whose end is just outside crosses the static surface: the way down is along W g, W the second moment of
  * the piece, which points along it. Returns 0 when that is further than the piece reaches. */
 static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
                            cr_vec3 *p_world) {
     cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
-    cr_vec3 way = v3(c->wxx[lane] * g.x + c->wxy[lane] * g.y + c->wzx[lane] * g.z,
-                     c->wxy[lane] * g.x + c->wyy[lane] * g.y + c->wyz[lane] * g.z,
-                     c->wzx[lane] * g.x + c->wyz[lane] * g.y + c->wzz[lane] * g.z);
+    cr_vec3 way = spread_times(c, lane, g);
     float fall = v3_dot(way, g), phi = at->phi_m[lane], reach = c->reach[lane];
     if (!(phi * phi * v3_dot(way, way) < reach * reach * fall * fall)) {
         return 0;
@@ -110,9 +118,7 @@ static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, 
 /* Lowest point along n of a straight piece of crease, as far as it is inside: an end, or where it crosses the surface. */
 static int lowest_of_crease(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
                             cr_vec3 n_tool, cr_vec3 *p_world) {
-    cr_vec3 way = v3(c->wxx[lane] * n_tool.x + c->wxy[lane] * n_tool.y + c->wzx[lane] * n_tool.z,
-                     c->wxy[lane] * n_tool.x + c->wyy[lane] * n_tool.y + c->wyz[lane] * n_tool.z,
-                     c->wzx[lane] * n_tool.x + c->wyz[lane] * n_tool.y + c->wzz[lane] * n_tool.z);
+    cr_vec3 way = spread_times(c, lane, n_tool);
     cr_vec3 down = v3_scale(v3_unit(way, 0.0f), -c->reach[lane]);
     cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
     float phi = at->phi_m[lane], rise = v3_dot(g, down);
@@ -281,6 +287,7 @@ static uint32_t zones_of_hit(const cr_respond_input *in, const cr_area_work *a, 
 /* The internal points that measure the depth of one group of zones. */
 typedef struct {
     cr_vec3 n_world, n_tool;
+    float plane_m; /* of the contact plane: n . p on it */
     float shift_m; /* n . p = n_tool . p_tool + shift */
     const cr_area_work *area;
     uint32_t behind; /* zones behind whose plane a point has to lie: those of a split area */
@@ -315,8 +322,8 @@ static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, const 
     return best;
 }
 
-/* Lanes whose piece of surface, reaching in where the sample does not, could come below best. A piece goes down by its reach times
- * the part of n along it, sqrt(n W n) over its full width. */
+/* Lanes whose piece of surface, reaching in where the sample does not, could come below best. A piece goes down by the part of n
+ * along it, sqrt(n W n) over its full width: a crease to its end, a face as far as it is taken to go. */
 static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hit, const probe *d, float best) {
     const cr_vec3 n = d->n_tool;
     uint32_t lanes = 0u;
@@ -326,17 +333,57 @@ static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hi
         }
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float fall2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-        float fall = c->reach[i] * sqrtf(max_f(0.0f, fall2)) / (2.0f * c->ramp[i]);
+        float part = (c->crease_mask >> i) & 1u ? c->reach[i] / (2.0f * c->ramp[i]) : 0.5f * FACE_PART;
         float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
-        lanes |= (uint32_t)(height - fall < best) << i;
+        lanes |= (uint32_t)(height - part * sqrtf(max_f(0.0f, fall2)) < best) << i;
     }
     return lanes & hit->near & ((1u << c->count) - 1u);
 }
 
-/* Lowest n . p of these pieces. */
+/* Moves a face sample that is outside down the distance along its piece, as far as the surface or FACE_PART of the way to the
+ * piece's border. */
+static cr_vec3 slide_on_face(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int i,
+                             cr_vec3 p_world) {
+    cr_vec3 g = xform_unrotate(pose, v3(at->gx[i], at->gy[i], at->gz[i]));
+    cr_vec3 way = spread_times(c, i, g);
+    float length2 = v3_dot(way, way), fall = v3_dot(way, g);
+    if (!(length2 > 0.0f) || !(fall > 0.0f)) {
+        return p_world;
+    }
+    float half = 0.5f * FACE_PART * sqrtf(max_f(0.0f, v3_dot(way, spread_times(c, i, way))) / length2);
+    float part = min_f(at->phi_m[i] / fall, half / sqrtf(length2));
+    return v3_mad(p_world, xform_rotate(pose, way), -part);
+}
+
+/* Lowest n . p where a static edge or corner reaches into faces between their samples: each sample goes to where its piece enters.
+ * What it still lacks to the surface, and the bow of the piece, count against it; and it counts as far as its piece is covered. */
+static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d,
+                             const cr_lookup *at, cr_lanes3 *world, uint32_t lanes, float best) {
+    float coverage[CR_LANES];
+    cr_lookup there;
+    cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, world, at, coverage);
+    for (uint32_t left = lanes; left != 0u;) {
+        int i = take_lane(&left);
+        cr_vec3 p = slide_on_face(c, at, in->world_from_tool, i, lane_of(world, i));
+        world->x[i] = p.x;
+        world->y[i] = p.y;
+        world->z[i] = p.z;
+    }
+    cr_field_look_up_lanes(in->field, world, lanes, &there);
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        cr_vec3 p = lane_of(world, i);
+        float height = v3_dot(d->n_world, p) + max_f(0.0f, there.phi_m[i]) + c->bow[i];
+        float depth = min_f(1.0f, coverage[i] / FACE_FULL) * max_f(0.0f, d->plane_m - height);
+        best = lies_behind(d, p) ? min_f(best, d->plane_m - depth) : best;
+    }
+    return best;
+}
+
+/* Lowest n . p of the pieces of a cluster whose middle may be outside. */
 static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
     const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
-    uint32_t lanes = find_low_pieces(c, hit, d, best);
+    uint32_t lanes = find_low_pieces(c, hit, d, best), creases = lanes & c->crease_mask, faces = lanes & ~creases;
     if (lanes == 0u) {
         return best;
     }
@@ -344,9 +391,14 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(in->field, &world, lanes, &at);
-    enter_pieces(in, c, d->n_tool, &at, &world, &lanes);
-    while (lanes != 0u) {
-        cr_vec3 p = lane_of(&world, take_lane(&lanes));
+    if (faces != 0u) {
+        best = lowest_on_faces(in, c, d, &at, &world, faces, best);
+    }
+    if (creases != 0u) {
+        enter_pieces(in, c, d->n_tool, &at, &world, &creases);
+    }
+    while (creases != 0u) {
+        cr_vec3 p = lane_of(&world, take_lane(&creases));
         best = lies_behind(d, p) ? min_f(best, v3_dot(d->n_world, p)) : best;
     }
     return best;
@@ -354,9 +406,10 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
 
 /* Lowest point along n of the internal surface of a group of zones: of hits that touch one of them, or none. */
 static float find_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, const group *part, cr_vec3 n,
-                         float start) {
-    const probe d = {n, xform_unrotate(in->world_from_tool, n), v3_dot(n, in->world_from_tool->t), a, part->behind};
-    float best = start;
+                         float plane_m) {
+    const probe d = {n,           xform_unrotate(in->world_from_tool, n), plane_m, v3_dot(n, in->world_from_tool->t), a,
+                     part->behind};
+    float best = plane_m;
     uint32_t all = (1u << a->zone_count) - 1u;
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;
@@ -647,7 +700,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
     float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));
     float raw_m = out->offset_m - lowest;
-    out->depth_m = held * raw_m * min_f(1.0f, open) * min_f(1.0f, a->sum.peak / PEAK_FULL);
+    out->depth_m = held * raw_m * min_f(1.0f, open);
     /* Less than the rounding of the two heights is no contact. */
     if (!(raw_m > ROUNDING_M + 2e-7f * abs_f(out->offset_m)) || !(out->depth_m > 0.0f)) {
         return 0;

@@ -210,7 +210,7 @@ static cr_err check_shell(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->cluster_count; i++) {
         const struct cr_img_cluster *c = &s->clusters[i];
-        if (!floats_are_finite(c->x, 15u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
+        if (!floats_are_finite(c->x, 16u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
             !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
             return CR_ERR_VALUE;
         }

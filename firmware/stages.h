@@ -63,9 +63,10 @@ typedef struct {
     uint32_t cluster;
     uint16_t covered; /* lanes with any coverage */
     uint16_t inside;  /* lanes with phi <= 0 */
-    uint16_t near;    /* crease lanes whose piece may be inside where its middle is not: phi < reach */
-    uint16_t area;    /* set by zones: index of the contact area */
-    uint16_t whole;   /* 1: every lane fully covered */
+    uint16_t
+        near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
+    uint16_t area;  /* set by zones: index of the contact area */
+    uint16_t whole; /* 1: every lane fully covered */
     struct cr_img_sum sum;
 } cr_hit;
 
@@ -85,6 +86,12 @@ typedef struct {
     cr_hit hits[CR_CLUSTERS_MAX];
     cr_touch touches[CR_TOUCHES_MAX];
 } cr_contact_set;
+
+/* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
+ * Shapes   world_m and at: the cluster's points and what was looked up there.   Output  coverage[CR_LANES], 0..1.
+ * Source   DESIGN.md "Point shell and coverage". */
+void cr_cover(const cr_scene *scene, const xform *world_from_tool, uint32_t mode, const struct cr_img_cluster *cluster,
+              const cr_lanes3 *world_m, const cr_lookup *at, float *coverage);
 
 /* Purpose  area, area vector and first moment of a cluster under the given coverage, lanes added in a fixed order.
  * Shapes   w[CR_LANES] in 0..1. The image holds the result for w = 1, made by this function. */

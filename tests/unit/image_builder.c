@@ -55,8 +55,6 @@ static void add_tile(crt_tool *t, const double centre[3], const double half[3], 
     s.pos_m[ua] = centre[ua] - half[ua] + (i + 0.5) * s.width_m[0];
     s.pos_m[va] = centre[va] - half[va] + (j + 0.5) * s.width_m[1];
     s.area_m2 = s.width_m[0] * s.width_m[1];
-    double to_edge = fmin(half[ua] - fabs(s.pos_m[ua] - centre[ua]), half[va] - fabs(s.pos_m[va] - centre[va]));
-    s.reach_m = fmin(1.1 * t->spacing_m, to_edge);
     add_sample(t, &s);
 }
 
@@ -142,10 +140,12 @@ void crt_add_ball(crt_tool *t, double radius) {
                             {-sin(turn), cos(turn), 0.0},
                             {0},
                             2.0 * PI * radius * radius * (cos(low) - cos(high)) / count,
-                            1.1 * t->spacing_m,
+                            0.0,
+                            0.0,
                             0,
                             0};
             s.width_m[0] = s.width_m[1] = sqrt(s.area_m2);
+            s.bow_m = radius - sqrt(radius * radius - 0.5 * s.area_m2); /* a corner of the square piece */
             for (int a = 0; a < 3; a++) {
                 s.pos_m[a] = radius * s.normal[a];
             }
@@ -350,6 +350,7 @@ static void fill_lane(const crt_tool *t, struct cr_img_cluster *c, int lane, con
     c->wzx[lane] = (float)w[2][0];
     c->ramp[lane] = (float)(0.5 * most * (1.0 + 1e-6));
     c->reach[lane] = real ? (float)s->reach_m : 0.0f;
+    c->bow[lane] = (float)s->bow_m;
 }
 
 /* Lanes of cluster b beside sample i. */

@@ -38,7 +38,7 @@ int crt_facets(const crt_solid *solid);
 /* One sample of a tool surface; width_m are the sides of its piece along two axes of the surface. */
 typedef struct {
     double pos_m[3], normal[3], u[3], v[3], width_m[2];
-    double area_m2, reach_m;
+    double area_m2, reach_m, bow_m;
     int vertex, crease;
 } crt_sample;
 

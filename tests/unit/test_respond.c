@@ -92,6 +92,40 @@ static void check_flat_wall(const cr_config *config) {
     crt_close(&rig);
 }
 
+/* A corner of the static box, its diagonal upwards along d, comes into a flat face of the cube anywhere between its samples:
+ * no force before it touches, no kick on the way, and the exact depth once it is a spacing deep. */
+static void respond_feels_a_static_corner_between_the_samples_of_a_face(void **state) {
+    (void)state;
+    crt_solid box = crt_box(-30e-3, 0.0, 30e-3, -30e-3, 0.0);
+    const cr_config config = cr_config_default();
+    const double root = 1.0 / sqrt(3.0), step_m = 10e-6, corner[3] = {0.0, 30e-3, 0.0};
+    crt_rig rig;
+    uint64_t seed = 23u;
+    open_cube(&rig, &box);
+    for (int n = 0; n < 40; n++) {
+        double u = crt_uniform(&seed, -4e-3, 4e-3), v = crt_uniform(&seed, -4e-3, 4e-3), before = 0.0;
+        for (double down = -0.1e-3; down < 1.5e-3; down += step_m) {
+            cr_pose pose = crt_pose(0.0, 0.0, 0.0);
+            pose.rot = crt_turn(-1.0, 1.0, 0.0, acos(root)); /* takes z to the diagonal */
+            xform turn = xform_from_pose(&pose);
+            cr_vec3 spot = xform_rotate(&turn, v3((float)u, (float)v, -(float)HALF_M));
+            pose.pos_m =
+                v3((float)(corner[0] - down * root - (double)spot.x), (float)(corner[1] - down * root - (double)spot.y),
+                   (float)(corner[2] - down * root - (double)spot.z));
+            double depth = respond(&rig, &pose, &config, CR_AREAS_MAX) > 0u ? (double)areas[0].depth_m : 0.0;
+            assert_true(down > 0.0 || depth < 1e-6);
+            if (!(fabs(depth - before) < 5.0 * step_m)) {
+                fail_msg("spot %d, %.3f mm deep: %.4f to %.4f mm", n, down * 1e3, before * 1e3, depth * 1e3);
+            }
+            if (down > SPACING_M && !(fabs(depth - down) < 0.03 * down)) {
+                fail_msg("spot %d: depth %.4f mm, exact %.4f mm", n, depth * 1e3, down * 1e3);
+            }
+            before = depth;
+        }
+    }
+    crt_close(&rig);
+}
+
 static void respond_depth_on_a_flat_wall_is_exact(void **state) {
     (void)state;
     cr_config config = cr_config_default();
@@ -410,6 +444,7 @@ int main(void) {
         cmocka_unit_test(respond_concave_creases_give_one_area_per_face),
         cmocka_unit_test(respond_ball_on_ball_pushes_along_the_line_of_centres),
         cmocka_unit_test(respond_force_acts_within_the_contact),
+        cmocka_unit_test(respond_feels_a_static_corner_between_the_samples_of_a_face),
         cmocka_unit_test(respond_writes_no_more_areas_than_there_is_room_for),
         cmocka_unit_test(respond_depth_is_never_negative_and_the_normal_is_unit),
     };

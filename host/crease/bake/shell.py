@@ -30,6 +30,8 @@ TIP_TURN = 0.35
 """A crease that turns by more than this (2 sin of half the angle; 20 degrees) has a corner there."""
 FINE_SPREAD = 0.0962
 """Second moment of an equilateral triangle about its centroid, per axis, as a share of its area: sqrt(3) / 18."""
+FLAT = 1e-5
+"""A piece that bends by less than this share of the spacing is flat: rounding of the mesh."""
 SMALL_PATCH = 8
 """Patches with fewer samples share clusters."""
 SHARED_SHEET = -0.3
@@ -46,6 +48,7 @@ class Samples:
     spread_m2: F64
     ramp_m: F64
     reach_m: F64
+    bow_m: F64
     feature: npt.NDArray[np.bool_]
     crease: npt.NDArray[np.bool_]
     vertex: npt.NDArray[np.bool_]
@@ -106,11 +109,12 @@ def _part_weights(k: int) -> F64:
 
 @dataclass(frozen=True)
 class Cells:
-    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); patch (n,)."""
+    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); the others (n,)."""
 
     position_m: F64
     area_m2: F64
     spread_m2: F64
+    bow_m: F64
     patch: I64
 
 
@@ -139,7 +143,18 @@ def relax(points: F64, areas: F64, patch: int, spacing_m: float) -> Cells:
     near = cKDTree(points).query(middle)[1]
     lift = np.einsum("nx,nx->n", points[near] - middle, direction)
     spread = _second_moment(points, areas, middle, label)
-    return Cells(middle + lift[:, None] * direction, area, spread, np.full(count, patch))
+    site = middle + lift[:, None] * direction
+    bow = np.zeros(count)
+    np.maximum.at(bow, label, _behind(points, areas, site[label], direction[label]))
+    bow[bow < FLAT * spacing_m] = 0.0
+    return Cells(site, area, spread, bow, np.full(count, patch))
+
+
+def _behind(points: F64, areas: F64, sites: F64, normals: F64) -> F64:
+    """How far the fine pieces reach behind planes through sites, row by row, (n,)."""
+    tilt = np.linalg.norm(np.cross(_unit(areas), normals), axis=1)
+    size = np.sqrt(np.linalg.norm(areas, axis=1))
+    return np.asarray(size * tilt - np.einsum("nx,nx->n", points - sites, normals))
 
 
 def _second_moment(points: F64, areas: F64, middle: F64, label: I64) -> F64:
@@ -168,6 +183,7 @@ def make_cells(surface: Surface, spacing_m: float) -> Cells:
         np.concatenate([c.position_m for c in parts]),
         np.concatenate([c.area_m2 for c in parts]),
         np.concatenate([c.spread_m2 for c in parts]),
+        np.concatenate([c.bow_m for c in parts]),
         np.concatenate([c.patch for c in parts]),
     )
 
@@ -345,6 +361,7 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
         spread,
         0.5 * np.maximum(widest, 0.1 * spacing_m),
         np.concatenate([np.zeros(count), half]),
+        np.concatenate([cells.bow_m, np.zeros(len(half))]),
         np.arange(count + len(spot_area)) >= count,
         np.concatenate([np.zeros(count, bool), half > 0]),
         np.concatenate([np.zeros(count, bool), half == 0]),
@@ -423,6 +440,7 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
             row[name] = 12 * samples.spread_m2[lanes, i, j]
         row["ramp"] = _up(samples.ramp_m[lanes])
         row["reach"] = samples.reach_m[lanes] * real
+        row["bow"] = np.where(samples.bow_m[lanes] > 0, _up(samples.bow_m[lanes]), 0)
         row["count"] = len(ids)
         row["crease_mask"] = int((samples.crease[lanes] & real) @ (1 << np.arange(LANES)))
         row["vertex_mask"] = int((samples.vertex[lanes] & real) @ (1 << np.arange(LANES)))
