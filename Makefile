@@ -16,6 +16,10 @@ CREASE := $(VENV)/bin/crease
 APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev pkg-config \
        clang clang-format clang-tidy cppcheck gcovr valgrind
 
+# For the tests of `crease view` only; any of BROWSERS that is there already will do.
+APT_BROWSER := chromium-headless-shell
+BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
+
 FIRMWARE_C := $(wildcard firmware/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C))
@@ -26,6 +30,7 @@ TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
 C_ALL := $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
+PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -34,19 +39,27 @@ help: ## this list
 
 # ---------------------------------------------------------------------------------------------------- installing
 
-setup: $(VENV)/.stamp ## system packages (apt, when allowed) and the Python environment .venv
+setup: $(VENV)/.stamp build/.browser ## system packages (apt, when allowed) and the Python environment .venv
 
-# Checked every time (0.1 s): a package may have been removed since.
-build/.apt: FORCE
+# Recipe lines that install packages $(1), or say which are missing.
+define APT_INSTALL
 	@mkdir -p build
-	@command -v dpkg-query >/dev/null || { echo "not a Debian system: this needs $(APT)"; touch $@; exit 0; }
-	@missing=$$(for p in $(APT); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	@command -v dpkg-query >/dev/null || { echo "not a Debian system: this needs $(1)"; touch $@; exit 0; }
+	@missing=$$(for p in $(1); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
 	missing=$$(echo $$missing); \
 	if [ -z "$$missing" ]; then :; \
 	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
 	elif sudo -n true 2>/dev/null; then sudo apt-get update -qq && sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
 	else echo "error: system packages are missing, install them with: sudo apt-get install $$missing"; exit 1; fi
 	@test -e $@ || touch $@
+endef
+
+# Checked every time (0.1 s): a package may have been removed since.
+build/.apt: FORCE
+	$(call APT_INSTALL,$(APT))
+
+build/.browser: FORCE | build/.apt
+	$(call APT_INSTALL,$(if $(strip $(foreach b,$(BROWSERS),$(shell command -v $b))),,$(APT_BROWSER)))
 
 $(VENV)/.stamp: host/pyproject.toml | build/.apt
 	@echo "python environment: $(VENV)"
@@ -83,7 +96,7 @@ build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
 
 scenes: build/scenes/.stamp ## scene images of meshes/scenes.toml, in build/scenes
 
-BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py topology.py scenes.py)
+BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py topology.py scenes.py bodies.py)
 
 build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(BAKE_PY)
 	@mkdir -p $(@D)
@@ -92,12 +105,12 @@ build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(BAKE_P
 
 # ---------------------------------------------------------------------------------------------------------- demo
 
-demo: build/demo/.stamp ## bake, replay the corner trajectory, write the plots and name them
-	@printf '%s\n' build/demo/*.png
+demo: build/demo/.stamp ## bake, replay the corner trajectory, write the plots and a page that moves, and name them
+	@printf '%s\n' build/demo/*.png build/demo/*.html
 
 DEMO_SCENES := edge90_sphere edge90_cube
 
-build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL)
+build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL) $(PAGE)
 	@mkdir -p build/demo
 	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
 	$(PY) -m crease.demo meshes/scenes.toml build/meshes build/scenes build/demo
@@ -151,13 +164,13 @@ creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/crea
 check: build/.host build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.host build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+test: build/.host build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
 	$(PY) tests/run.py --c-tests build/san/tests --only-c
 
-coverage: build/.host c-tests-cov build/scenes/.stamp ## lines and branches that the tests reach, C and Python
+coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp ## lines and branches that the tests reach, C and Python
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
 	$(PY) tests/run.py --c-tests build/cov/tests --only-c
 	gcovr --root . --filter 'firmware/' --filter 'host/native/' --filter 'sim/' build/cov

@@ -87,6 +87,8 @@ cr_err cr_world_configure(cr_world *world, const cr_config *config) {
     return CR_OK;
 }
 
+const cr_contact_set *cr_world_contacts(const cr_world *world) { return &world->set; }
+
 void cr_world_clear_fault(cr_world *world) {
     world->faults = 0u;
     world->has_previous = 0u;

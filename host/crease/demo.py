@@ -1,4 +1,4 @@
-"""`make demo`: the corner trajectory with the contact-zone method and with the fixed 45 degrees, replayed and drawn.
+"""`make demo`: the corner trajectory with the contact-zone method and with the fixed 45 degrees: figures and a page.
 
 python -m crease.demo SCENES.toml MESHES IMAGES OUT
 """
@@ -18,8 +18,9 @@ from crease.plot import draw_ticks, forces_N, save_figure
 from crease.replay import ReplayOptions, run_path, to_columns
 from crease.scene import open_scene
 from crease.scenes import SceneSpec, load_specs
-from crease.table import Column, write_atomic, write_table
+from crease.table import Column, write_atomic, write_bytes, write_table
 from crease.trajectory import load_trajectory
+from crease.view import Replay, make_page
 
 SCENES = ("edge90_sphere", "edge90_cube")
 NAMES = {"zones": "contact zones", "fixed45": "fixed 45 degrees"}
@@ -56,6 +57,15 @@ def draw_corner_of(
     write_atomic(figure_path, lambda file: save_figure(figure, file, "png"))
 
 
+def write_view(
+    spec: SceneSpec, tables: dict[str, dict[str, Column]], images: Path, page: Path
+) -> None:
+    """Both replays side by side, moving."""
+    replays = [Replay(NAMES[name], table) for name, table in tables.items()]
+    made = make_page(replays, open_scene(images / f"{spec.name}.crs"), spec.about)
+    write_bytes(page, made.text.encode("utf-8"))
+
+
 def main(argv: list[str] | None = None) -> int:
     """See the module."""
     parser = argparse.ArgumentParser(prog="python -m crease.demo", description="The demonstration.")
@@ -70,6 +80,7 @@ def main(argv: list[str] | None = None) -> int:
             draw_both(tables, specs[name].about, args.out / f"{name}.png")
             if name == SCENES[0]:
                 draw_corner_of(specs[name], tables, args.out / "corner.png")
+                write_view(specs[name], tables, args.images, args.out / "corner.html")
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -85,7 +85,7 @@ def save_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
 def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None = None) -> Figure:
     """Four panels over time: force, depth, direction change per tick, cost of a tick; one colour for each table.
 
-    Shapes: each table has the columns of `crease.replay.COLUMNS`, of its own length.
+    Shapes: each table has the columns of `crease.replay.ANSWER_COLUMNS`, of its own length.
     """
     import matplotlib as mpl
 

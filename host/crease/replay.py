@@ -12,6 +12,7 @@ import numpy.typing as npt
 from crease.errors import SceneError
 from crease.native import COVERAGES, RESPONSES, error_text, ffi, lib
 from crease.scene import Scene
+from crease.trajectory import COLUMNS as PATH_COLUMNS
 from crease.trajectory import Trajectory
 
 _ALIGN = 64
@@ -40,12 +41,15 @@ ROW = np.dtype(
 )
 """`cr_replay_row` of host/native/replay.h, field by field."""
 
-COLUMNS = (
+ANSWER_COLUMNS = (
     *("t_s", "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm", "depth_m", "nx", "ny", "nz"),
     *("areas", "zones", "contacts", "nodes", "points", "tick_ns"),
     *("dx_m", "dy_m", "dz_m", "dqw", "dqx", "dqy", "dqz"),
 )
-"""Columns of a table of ticks, in the order of the file."""
+"""What a tick answered, and when."""
+
+COLUMNS = (*ANSWER_COLUMNS, *PATH_COLUMNS[1:])
+"""Columns of a table of ticks, in the order of the file. The last are the pose: a table is a path too."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,11 @@ class World:
         self._memory = np.zeros(self.size_bytes + _ALIGN, dtype=np.uint8)
         self._handle: Any = None
         self.reset()
+
+    @property
+    def handle(self) -> Any:
+        """The cffi `cr_world *`, for functions of the library."""
+        return self._handle
 
     def reset(self) -> None:
         """Back to the state before the first tick.   Errors: SceneError."""
@@ -162,6 +171,7 @@ def to_columns(path: Trajectory, rows: npt.NDArray[Any]) -> dict[str, npt.NDArra
         *(rows[name] for name in ("areas", "zones", "contacts", "nodes", "points", "tick_ns")),
         *rows["display_pos_m"].T,
         *rows["display_rot"].T,
+        *path.rows[:, 1:].T,
     ]
     return dict(zip(COLUMNS, values, strict=True))
 

@@ -2,7 +2,8 @@
 
     python -m crease.scenes SCENES.toml MESHES OUT [NAME...]
 
-bakes the named scenes (default: all) of the meshes in folder MESHES into OUT/NAME.crs, those that are out of date.
+bakes the named scenes (default: all) of the meshes in folder MESHES into OUT/NAME.crs with its meshes beside it, those
+that are out of date.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crease import _native
+from crease.bodies import bodies_path, write_bodies
 from crease.errors import CreaseError
 from crease.mesh import load_mesh
 from crease.table import write_bytes
@@ -69,23 +71,27 @@ def _spec(name: str, entry: dict[str, object], meshes: Path) -> SceneSpec:
     )
 
 
-def bake_spec(spec: SceneSpec) -> bytes:
-    """The image of a scene.   Errors: CreaseError."""
+def bake_spec(spec: SceneSpec, image: Path) -> int:
+    """Write the image of a scene and its meshes beside it.   Output: bytes of the image.   Errors: CreaseError."""
     from crease.bake import BakeOptions, bake_scene
 
     options = BakeOptions(voxel_m=spec.voxel_m, spacing_m=spec.spacing_m)
     static = load_mesh(spec.static, spec.unit_m)
     tool = load_mesh(spec.tool, spec.tool_unit_m)
-    return bake_scene(static, tool, options, lambda _label, _part: None).image
+    data = bake_scene(static, tool, options, lambda _label, _part: None).image
+    write_bodies(image, static, tool)
+    write_bytes(image, data)
+    return len(data)
 
 
 def is_current(image: Path, spec: SceneSpec, table: Path) -> bool:
     """Whether an image is newer than all it is made of: meshes, table, and the code that bakes."""
     package = Path(__file__).parent
-    modules = [package / f"{name}.py" for name in ("mesh", "mend", "topology")]
+    modules = [package / f"{name}.py" for name in ("mesh", "mend", "topology", "bodies")]
     code = [Path(_native.__file__), *package.glob("bake/*.py"), *modules]
     made_of = [spec.static, spec.tool, table, *code]
-    return image.exists() and all(p.stat().st_mtime <= image.stat().st_mtime for p in made_of)
+    made = image.exists() and bodies_path(image).exists()
+    return made and all(p.stat().st_mtime <= image.stat().st_mtime for p in made_of)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -110,10 +116,9 @@ def main(argv: list[str] | None = None) -> int:
             if is_current(image, specs[name], args.table):
                 continue
             start_s = time.monotonic()
-            data = bake_spec(specs[name])
-            write_bytes(image, data)
+            size = bake_spec(specs[name], image)
             print(
-                f"{image}: {len(data) / 2**20:.2f} MiB, {time.monotonic() - start_s:.1f} s",
+                f"{image}: {size / 2**20:.2f} MiB, {time.monotonic() - start_s:.1f} s",
                 flush=True,
             )
     except CreaseError as error:

@@ -56,7 +56,10 @@ def test_only_what_is_out_of_date_is_baked(table: Path, capsys: pytest.CaptureFi
     command = [str(table), str(folder), str(out), "edge90_sphere"]
     assert scenes_main(command) == 0
     assert "edge90_sphere.crs" in capsys.readouterr().out
-    assert [path.name for path in out.iterdir()] == ["edge90_sphere.crs"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        "edge90_sphere.crs",
+        "edge90_sphere.crs.glb",
+    ]
     assert scenes_main(command) == 0
     assert capsys.readouterr().out == ""
     later = (out / "edge90_sphere.crs").stat().st_mtime + 10.0
@@ -77,6 +80,7 @@ def test_demonstration_writes_tables_and_pictures(table: Path) -> None:
     assert demo_main([str(table), str(folder), str(images), str(out)]) == 0
     names = {path.name for path in out.iterdir()}
     assert names == {
+        "corner.html",
         "corner.png",
         *(f"{scene}.png" for scene in ("edge90_sphere", "edge90_cube")),
         *(

@@ -58,10 +58,12 @@ def add_parser(sub: SubParsers) -> None:
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for meshes that cannot be mended, or an output that cannot be written."""
     from crease.bake import BakeOptions, bake_scene
+    from crease.bodies import bodies_path, write_bodies
     from crease.mesh import load_mesh
 
     check_suffix(args.output, (".crs",))
     check_target(args.output, args.force)
+    check_target(bodies_path(args.output), args.force)
     start_s = time.monotonic()
     with Progress() as progress:
         static = load_mesh(args.static, args.unit, progress)
@@ -74,9 +76,11 @@ def run(args: argparse.Namespace) -> None:
             tolerance_m=args.tolerance,
         )
         result = bake_scene(static, tool, options, progress)
+    bodies = write_bodies(args.output, static, tool)
     write_bytes(args.output, result.image)
     report = {
         "output": str(args.output),
+        "meshes": str(bodies),
         "warnings": [*static.warnings, *tool.warnings],
         "time_s": round(time.monotonic() - start_s, 3),
         **describe(result.image, str(args.output)),
@@ -106,6 +110,7 @@ def print_report(report: dict[str, object]) -> None:
     print_lines(
         [
             ("scene", f"{report['output']}, {size_text(report['image_bytes'])}"),
+            ("meshes", f"{report['meshes']}, for `crease view`"),
             ("triangles", f"{static['triangles']:,} static, {tool['triangles']:,} tool"),
             ("creases", f"{static['convex_edges']:,} convex, {static['concave_edges']:,} concave"),
             ("voxel", format_length(voxmap["voxel_m"])),

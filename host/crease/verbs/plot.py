@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from crease.errors import CreaseError
-from crease.replay import COLUMNS
+from crease.replay import ANSWER_COLUMNS
 from crease.table import check_suffix, check_target, read_table, write_atomic
 from crease.verbs.common import SubParsers, add_force
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
         raise CreaseError(
             f"{len(args.tables)} tables in one figure cannot be told apart; give 8 at most"
         )
-    tables = [read_table(path, COLUMNS) for path in args.tables]
+    tables = [read_table(path, ANSWER_COLUMNS) for path in args.tables]
 
     from crease.plot import draw_ticks, save_figure
 

@@ -1,0 +1,321 @@
+"""`crease view`: contacts read out of the ticks, meshes beside the image, numbers packed, bad input refused."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from crease.bodies import Body, bodies_path, read_bodies, reduce_body
+from crease.errors import SceneError
+from crease.native import ffi, lib
+from crease.scene import Scene, open_scene
+from crease.table import read_table, write_table
+from crease.trajectory import check_rows, load_trajectory
+from crease.view.contacts import NO_PATCH, Contacts, check_layouts, find_contacts, tool_samples_m
+from crease.view.pack import LIMIT, Packer
+from crease.view.scripts import load_scripts
+from host_tools import Run, write_path
+
+BUILD = Path(__file__).resolve().parents[2] / "build"
+
+UPLOT_SHA256 = "2d27e8ad3d228164525ce213f9dc716f39b4e3aee0cc773fb3491c96cf4921a2"
+"""dist/uPlot.iife.min.js of the npm package uplot 1.6.31."""
+
+
+def states_after(contacts: Contacts, tick: int, samples: int) -> np.ndarray[Any, Any]:
+    """Area and patch of every sample after a tick, (samples, 2): all changes up to it, one by one."""
+    states = np.tile(np.array([0, NO_PATCH]), (samples, 1))
+    for change in contacts.changes[: int(contacts.ticks["changes"][: tick + 1].sum())]:
+        states[int(change["sample"])] = int(change["area"]), int(change["patch"])
+    return states
+
+
+def test_row_types_match_the_c_structs() -> None:
+    assert check_layouts()
+
+
+@pytest.mark.parametrize("coverage", ["soft", "hard"])
+def test_contacts_are_those_of_the_replay(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run, coverage: str
+) -> None:
+    out = folder / f"contacts_{coverage}.csv"
+    assert crease("replay", scene_crs, press_csv, "-o", out, "--coverage", coverage).status == 0
+    table = read_table(out)
+    ticks = find_contacts(open_scene(scene_crs), load_trajectory(press_csv), coverage).ticks
+    for name in ("areas", "zones", "contacts"):
+        assert np.array_equal(ticks[name], table[name]), name
+
+
+def test_samples_in_contact_are_those_below_the_plane(scene_crs: Path, press_csv: Path) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    samples_m = tool_samples_m(scene)
+    assert len(samples_m) == scene.meta.point_count
+    assert np.linalg.norm(samples_m, axis=1) == pytest.approx(0.01, rel=0.01)
+    contacts = find_contacts(scene, path, "hard")
+    for tick in (150, 199, 300, 399):
+        touching = states_after(contacts, tick, len(samples_m))[:, 0] > 0
+        height_m = samples_m[:, 2] + path.position_m[tick, 2]  # the top of the block is z = 0
+        assert touching[height_m < -1e-5].all()
+        assert not touching[height_m > 1e-5].any()
+
+
+def test_one_flat_face_is_one_zone_and_one_area(scene_crs: Path, press_csv: Path) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    contacts = find_contacts(scene, path, "soft")
+    (patch,) = set(contacts.zones["patch"].tolist())
+    touched = contacts.changes[contacts.changes["area"] > 0]
+    assert set(touched["area"].tolist()) == {1}
+    assert set(touched["patch"].tolist()) == {patch}
+    assert contacts.zones["normal"] == pytest.approx(
+        np.tile([0.0, 0.0, 1.0], (len(contacts.zones), 1))
+    )
+    assert contacts.zones["share"] == pytest.approx(1.0)
+    points_m = contacts.ticks["point_m"][250:]
+    assert points_m[:, :2] == pytest.approx(path.position_m[250:, :2], abs=5e-4)
+
+
+def test_an_area_keeps_its_label_while_it_lasts(folder: Path, block_stl: Path, crease: Run) -> None:
+    legs = [
+        trimesh.creation.box(bounds=[[x, -5, 0], [x + 8, 5, 20]]).apply_translation([0, 0, 0])
+        for x in (-20, 12)
+    ]
+    bridge = trimesh.creation.box(bounds=[[-20, -5, 15], [20, 5, 25]])
+    tool, scene_path = folder / "legs.stl", folder / "legs.crs"
+    trimesh.boolean.union([*legs, bridge]).export(tool)
+    said = crease("bake", block_stl, tool, "-o", scene_path, "--unit", "mm", "--spacing", "1.5mm")
+    assert said.status == 0, said.err
+    # Rocking about y: left leg alone, both, right leg alone.
+    tilt = np.linspace(0.06, -0.06, 400)
+    rows = np.zeros((400, 8))
+    rows[:, 0] = 1e-3 * np.arange(400)
+    rows[:, 3] = 0.2e-3 - 0.019 * np.abs(np.sin(tilt)) + 0.019 * np.abs(tilt)
+    rows[:, 3] -= 0.6e-3
+    rows[:, 4], rows[:, 6] = np.cos(tilt / 2), np.sin(-tilt / 2)
+    scene = open_scene(scene_path)
+    contacts = find_contacts(scene, check_rows(rows, "rocking"), "hard")
+    samples_m = tool_samples_m(scene)
+    sides: list[set[int]] = [set(), set()]
+    both = 0
+    for tick in range(0, 400, 10):
+        states = states_after(contacts, tick, len(samples_m))
+        now = [set(states[(samples_m[:, 0] * s > 0) & (states[:, 0] > 0), 0]) for s in (-1, 1)]
+        both += all(now)
+        sides = [side | labels for side, labels in zip(sides, now, strict=True)]
+    assert both > 3
+    assert [len(side) for side in sides] == [1, 1]
+    assert sides[0] != sides[1]
+
+
+@pytest.mark.parametrize("name", ["bar_u", "edge90_cube"])
+def test_samples_in_contact_are_those_inside_the_voxmap(name: str) -> None:
+    scene = open_scene(BUILD / "scenes" / f"{name}.crs")
+    path = load_trajectory(BUILD / "meshes" / f"{name}.csv")
+    contacts = find_contacts(scene, path, "hard")
+    samples_m = tool_samples_m(scene)
+    checked = 0
+    for tick in range(0, len(path), 97):
+        w, v = path.rows[tick, 4], path.rows[tick, 5:]
+        turned_m = samples_m + 2.0 * np.cross(v, np.cross(v, samples_m) + w * samples_m)
+        phi_m = look_up_m(scene, turned_m + path.position_m[tick])
+        touching = states_after(contacts, tick, len(samples_m))[:, 0] > 0
+        if contacts.ticks["areas"][tick] == 0:
+            assert not touching.any()
+            continue
+        assert touching[phi_m < -1e-6].all(), tick
+        assert not touching[phi_m > 1e-6].any(), tick
+        checked += int(touching.sum())
+    assert checked > 500
+
+
+def look_up_m(scene: Scene, points_m: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Distance at world points, one by one, without tree, clusters or coherence."""
+    points = np.ascontiguousarray(points_m, dtype=np.float32)
+    phi_m, gradient = np.zeros(len(points), np.float32), np.zeros_like(points)
+    kind, facet = np.zeros((2, len(points)), np.uint32)
+    floats = [ffi.from_buffer("float[]", a) for a in (points, phi_m, gradient)]
+    integers = [ffi.from_buffer("uint32_t[]", a) for a in (kind, facet)]
+    lib.crp_look_up(scene.handle, floats[0], len(points), *floats[1:], *integers)
+    return phi_m
+
+
+def decode(packer: Packer, name: str) -> np.ndarray[Any, Any]:
+    """An array as the page reads it, written from the description of the format alone."""
+    data = gzip.decompress(base64.b64decode(packer.encode()))
+    place = packer.header[name]
+    size = place["rows"] * place["columns"]
+    columns = []
+    for c in range(place["columns"]):
+        total, column = 0, []
+        for i in range(place["rows"]):
+            at = place["start"] + c * place["rows"] + i
+            folded = sum(data[at + k * size] << 8 * k for k in range(place["width"]))
+            total += folded // 2 if folded % 2 == 0 else -(folded + 1) // 2
+            column.append(total)
+        columns.append(column)
+    return np.asarray(place["step"] * np.array(columns).T)
+
+
+def test_packed_numbers_come_back_within_the_resolution() -> None:
+    rng = np.random.default_rng(4)
+    packer = Packer()
+    walk = np.cumsum(rng.normal(0.0, 1e-4, (300, 3)), axis=0)
+    jumps = rng.integers(-LIMIT, LIMIT + 1, 300)
+    packer.add_numbers("walk", walk, 1e-6)
+    packer.add_integers("jumps", jumps)
+    packer.add_numbers("huge", walk * 1e12, 1e-6)
+    packer.add_integers("none", np.zeros((0, 2), np.int64))
+    assert np.abs(decode(packer, "walk") - walk).max() <= 0.5001e-6
+    assert np.array_equal(decode(packer, "jumps")[:, 0], jumps)
+    assert np.abs(decode(packer, "huge") - walk * 1e12).max() <= 1e12 * np.abs(walk).max() / LIMIT
+    assert packer.header["none"]["rows"] == 0
+
+
+def test_bake_keeps_the_meshes_beside_the_image(scene_crs: Path) -> None:
+    static, tool = read_bodies(open_scene(scene_crs))
+    assert static.vertices_m.min(axis=0) == pytest.approx([-0.04, -0.04, -0.04])
+    assert static.vertices_m.max(axis=0) == pytest.approx([0.04, 0.04, 0.0])
+    volume_m3 = trimesh.Trimesh(tool.vertices_m, tool.triangles, process=False).volume
+    assert volume_m3 == pytest.approx(4 / 3 * np.pi * 0.01**3, rel=0.02)
+
+
+def test_large_bodies_are_reduced_and_keep_their_shape() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.1)
+    body = Body(np.asarray(ball.vertices), np.asarray(ball.faces))
+    small = reduce_body(body, 10_000)
+    assert 4_000 < len(small.triangles) <= 10_000
+    assert np.linalg.norm(small.vertices_m, axis=1) == pytest.approx(0.1, abs=1e-9)
+    mesh = trimesh.Trimesh(small.vertices_m, small.triangles, process=False)
+    assert mesh.area == pytest.approx(4 * np.pi * 0.1**2, rel=0.02)
+    assert reduce_body(body, 10**6) is body
+
+
+def test_a_table_is_a_path(folder: Path, scene_crs: Path, press_out: Path, crease: Run) -> None:
+    again = folder / "again.csv"
+    assert crease("replay", scene_crs, press_out, "-o", again).status == 0
+    before, after = read_table(press_out), read_table(again)
+    for name in before:
+        if name != "tick_ns":
+            assert np.array_equal(before[name], after[name]), name
+
+
+def test_libraries_are_what_their_authors_published() -> None:
+    scripts = load_scripts()
+    assert hashlib.sha256(scripts.uplot.encode()).hexdigest() == UPLOT_SHA256
+    assert scripts.three.endswith("}));")
+    assert "TrackballControls" not in scripts.three
+    assert "</script" not in scripts.three + scripts.uplot
+
+
+def test_page_needs_no_other_file(
+    folder: Path, scene_crs: Path, press_out: Path, crease: Run
+) -> None:
+    page = folder / "press.html"
+    said = crease("view", press_out, "--scene", scene_crs, "-o", page, "--json")
+    assert said.status == 0, said.err
+    assert said.json["page_bytes"] == page.stat().st_size < 2_000_000
+    assert said.json["ticks"] == 400
+    assert said.json["warnings"] == []
+    text = page.read_text(encoding="utf-8")
+    assert "default-src 'none'" in text
+    assert "@@" not in text.split("<script>")[0]
+
+
+def refuse(said: Any, page: Path, *words: str) -> None:
+    """One line that says all the words, and no page."""
+    assert said.status == 1
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1, said.err
+    for word in words:
+        assert word in said.err, said.err
+    assert not page.exists()
+
+
+def test_missing_meshes_are_named(
+    folder: Path, scene_crs: Path, press_out: Path, crease: Run
+) -> None:
+    bare, page = folder / "bare.crs", folder / "bare.html"
+    bare.write_bytes(scene_crs.read_bytes())
+    said = crease("view", press_out, "--scene", bare, "-o", page)
+    refuse(said, page, "bare.crs.glb", "bake it again")
+    bodies_path(bare).write_bytes(b"glTF and then rubbish")
+    refuse(crease("view", press_out, "--scene", bare, "-o", page), page, "cannot be read", "bake")
+
+
+def test_meshes_of_another_scene_are_refused(
+    folder: Path, scene_crs: Path, block_stl: Path, crease: Run
+) -> None:
+    tool, other = folder / "die.stl", folder / "die.crs"
+    trimesh.creation.box(extents=[12, 12, 12]).export(tool)
+    assert (
+        crease("bake", block_stl, tool, "-o", other, "--unit", "mm", "--spacing", "2mm").status == 0
+    )
+    mixed = folder / "mixed.crs"
+    mixed.write_bytes(scene_crs.read_bytes())
+    bodies_path(mixed).write_bytes(bodies_path(other).read_bytes())
+    with pytest.raises(SceneError, match="other meshes"):
+        read_bodies(open_scene(mixed))
+
+
+def test_table_of_another_scene_is_refused(
+    folder: Path, press_out: Path, block_stl: Path, crease: Run
+) -> None:
+    tool, other, page = folder / "bead.stl", folder / "bead.crs", folder / "bead.html"
+    trimesh.creation.icosphere(subdivisions=3, radius=6.0).export(tool)
+    assert (
+        crease("bake", block_stl, tool, "-o", other, "--unit", "mm", "--spacing", "2mm").status == 0
+    )
+    said = crease("view", press_out, "--scene", other, "-o", page)
+    refuse(said, page, "does not give the contacts of press_out")
+
+
+def test_old_and_damaged_tables_are_refused(
+    folder: Path, scene_crs: Path, press_out: Path, crease: Run
+) -> None:
+    page, table = folder / "damaged.html", read_table(press_out)
+    old, bad, short = folder / "old.npz", folder / "nan.npz", folder / "short.npz"
+    write_table(old, {name: table[name] for name in table if name != "qw"})
+    refuse(crease("view", old, "--scene", scene_crs, "-o", page), page, "no column qw", "replay it")
+    force = table["fx_N"].copy()
+    force[7] = np.nan
+    write_table(bad, {**table, "fx_N": force})
+    refuse(crease("view", bad, "--scene", scene_crs, "-o", page), page, "fx_N", "finite")
+    np.savez(short, **{**table, "depth_m": table["depth_m"][:-1]})  # type: ignore[arg-type]
+    refuse(crease("view", short, "--scene", scene_crs, "-o", page), page, "one length")
+
+
+def test_outputs_and_numbers_of_replays_are_checked(
+    folder: Path, scene_crs: Path, press_out: Path, crease: Run
+) -> None:
+    page = folder / "five.html"
+    said = crease("view", *[press_out] * 5, "--scene", scene_crs, "-o", page)
+    refuse(said, page, "4 at most")
+    wrong = folder / "page.pdf"
+    refuse(crease("view", press_out, "--scene", scene_crs, "-o", wrong), wrong, ".html")
+    page.write_text("mine")
+    said = crease("view", press_out, "--scene", scene_crs, "-o", page)
+    assert (said.status, page.read_text()) == (1, "mine")
+
+
+def test_bake_does_not_replace_meshes_unasked(
+    folder: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    image = folder / "asked.crs"
+    bodies_path(image).write_bytes(b"mine")
+    said = crease("bake", block_stl, ball_stl, "-o", image, "--unit", "mm")
+    assert said.status == 1
+    assert "asked.crs.glb: exists already" in said.err
+    assert bodies_path(image).read_bytes() == b"mine"
+
+
+def test_free_path_makes_a_page(folder: Path, scene_crs: Path, crease: Run) -> None:
+    path = write_path(folder / "free.csv", np.tile([0.0, 0.0, 0.05], (1, 1)))
+    out, page = folder / "free_out.csv", folder / "free.html"
+    assert crease("replay", scene_crs, path, "-o", out).status == 0
+    said = crease("view", out, "--scene", scene_crs, "-o", page)
+    assert said.status == 0, said.err
