@@ -151,7 +151,8 @@ void cr_zones(const cr_scene *scene, uint16_t *hit_of_cluster, cr_contact_set *s
 /* Where a proxy rests while the tool is inside: state of the proxy responses (rivals/README.md). */
 typedef struct {
     cr_vec3 pos_m;
-    uint32_t held; /* 1: pos_m is the proxy's; 0: where it starts from, the tool's last place */
+    cr_vec3 device_m; /* the tool's place at the last tick */
+    uint32_t held;    /* 1: pos_m is the proxy's; 0: it starts from device_m */
 } cr_proxy;
 #endif
 

@@ -204,7 +204,7 @@ static void fault_when_not_finite(cr_world *w, cr_output *out) {
 static void answer(cr_world *w, const xform *now, float period_s, cr_output *out) {
     cr_respond_input in = {.field = &w->field, .world_from_tool = now, .set = &w->set, .config = &w->config};
 #ifdef CR_RIVALS
-    w->proxy.pos_m = w->proxy.held ? w->proxy.pos_m : w->has_previous ? w->previous.pos_m : now->t;
+    w->proxy.device_m = w->has_previous ? w->previous.pos_m : now->t;
     in.proxy = &w->proxy;
 #endif
     cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);

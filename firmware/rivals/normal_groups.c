@@ -12,7 +12,8 @@
 /* Middle of a cap: components -1, 0, 1, not all 0. */
 static cr_vec3 cap_middle(int cap) {
     int code = cap < CAPS / 2 ? cap : cap + 1;
-    return v3_unit(v3((float)(code % 3 - 1), (float)(code / 3 % 3 - 1), (float)(code / 9 - 1)), 0.0f);
+    int x = code % 3 - 1, y = code / 3 % 3 - 1, z = code / 9 - 1;
+    return v3_unit(v3((float)x, (float)y, (float)z), 0.0f);
 }
 
 static float belonging(const cr_vec3 *middle, cr_vec3 n) {

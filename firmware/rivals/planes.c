@@ -48,8 +48,12 @@ cr_vec3 cr_rival_project(const cr_rival_planes *p, cr_vec3 goal_m) {
 void cr_rival_start(const cr_respond_input *in) {
     const float most_m = (float)CR_RIVAL_STEPS * cr_rival_reach(in);
     const cr_vec3 device_m = in->world_from_tool->t;
-    in->proxy->pos_m = v3_norm(v3_sub(device_m, in->proxy->pos_m)) <= most_m ? in->proxy->pos_m : device_m;
-    in->proxy->held = 1u;
+    cr_proxy *proxy = in->proxy;
+    proxy->pos_m = proxy->held ? proxy->pos_m : proxy->device_m;
+    if (!(v3_norm(v3_sub(device_m, proxy->device_m)) <= most_m)) {
+        proxy->pos_m = device_m;
+    }
+    proxy->held = 1u;
 }
 
 int cr_rival_step(cr_proxy *proxy, cr_vec3 device_m, cr_rival_planes *planes, float step_m) {

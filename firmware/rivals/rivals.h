@@ -87,7 +87,7 @@ typedef struct {
 void cr_rival_add_plane(cr_rival_planes *planes, cr_vec3 gradient, float phi_m);
 /* Purpose  the displacement nearest to goal_m in all half-spaces (nearest compromise when there is none). */
 cr_vec3 cr_rival_project(const cr_rival_planes *planes, cr_vec3 goal_m);
-/* Purpose  begin a tick: a proxy that the device has left further behind than it can follow starts again at the device. */
+/* Purpose  begin a tick: after a jump of the device that it cannot follow, a proxy starts again at the device. */
 void cr_rival_start(const cr_respond_input *in);
 /* Purpose  one step of the proxy towards the device within the planes, no longer than step_m; the planes stay where they are.
  * Output   1 while it moves. */

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 from crease import __version__
 from crease.errors import CreaseError
-from crease.verbs import bake, bus, hil, info, plot, replay, sim
+from crease.verbs import bake, bus, experiment, hil, info, plot, replay, sim
 
-VERBS = (bake, info, replay, plot, sim, bus, hil)
+VERBS = (bake, info, replay, plot, experiment, sim, bus, hil)
 """In the order of the work: what `crease --help` lists."""
 
 

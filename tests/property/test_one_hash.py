@@ -14,6 +14,8 @@ from crease.native import COVERAGES, RESPONSES
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FLAGS = ["-std=c11", "-D_POSIX_C_SOURCE=200809L", "-DCR_RIVALS", "-ffp-contract=off", "-fno-math-errno"]
+CORE = (RESPONSES["zones"], RESPONSES["fixed45"])
+"""Other responses count samples themselves, most of them the same way under both coverages: one is enough."""
 BUILDS = [
     *(f"{cc} {level}" for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2", "-O3")),
     "gcc -O3 -march=native",
@@ -80,15 +82,12 @@ def reference(folder: Path, inputs: tuple[Path, Path]) -> dict[tuple[int, int], 
         (response, coverage): run(program, inputs, response, coverage, 7)
         for response in RESPONSES.values()
         for coverage in COVERAGES.values()
+        if response in CORE or coverage == COVERAGES["soft"]
     }
 
 
 def test_settings_have_hashes_of_their_own(reference: dict[tuple[int, int], str]) -> None:
-    """Rivals count samples themselves, most of them the same way under both coverages."""
-    soft = [found for (_, coverage), found in reference.items() if coverage == COVERAGES["soft"]]
-    assert len(set(soft)) == len(RESPONSES)
-    for response in ("zones", "fixed45"):
-        assert len({reference[RESPONSES[response], c] for c in COVERAGES.values()}) == 2
+    assert len(set(reference.values())) == len(reference)
 
 
 @pytest.mark.parametrize("options", BUILDS)
@@ -106,4 +105,6 @@ def test_skipping_changes_no_bit(
 ) -> None:
     program = folder / "gcc_-O0_-g"
     for (response, coverage), expected in reference.items():
+        if response not in CORE and skip > 0:
+            continue  # they see the same contact; one subset shows it
         assert run(program, inputs, response, coverage, skip) == expected
