@@ -193,7 +193,15 @@ def peg() -> Mesh:
 
 def screwdriver() -> Mesh:
     """Screwdriver along x, tip at x = 110 mm: shaft R 3 mm from x = 0, handle R 13 mm behind it (48 sides), flat blade."""
-    outline = [(0.0, -95.0), (11.0, -95.0), (13.0, -90.0), (13.0, -25.0), (9.0, -12.0), (9.0, -4.0), (5.0, 0.0)]
+    outline = [
+        (0.0, -95.0),
+        (11.0, -95.0),
+        (13.0, -90.0),
+        (13.0, -25.0),
+        (9.0, -12.0),
+        (9.0, -4.0),
+        (5.0, 0.0),
+    ]
     outline += [(3.0, 0.0), (3.0, 110.0), (0.0, 110.0)]
     body = mf.CrossSection([np.array(outline)]).revolve(48)
     side = np.array([(20.0, -100.0), (20.0, 60.0), (3.5, 85.0), (0.5, 111.0)])

@@ -66,9 +66,7 @@ def overlap(solids: Solids, pose: F64) -> list[Piece]:
         mesh = piece.to_mesh64()
         ids = np.repeat(mesh.run_original_id, np.diff(mesh.run_index) // 3)
         points = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
-        found.append(
-            Piece(points[np.asarray(mesh.tri_verts)], ids == solids.static.original_id())
-        )
+        found.append(Piece(points[np.asarray(mesh.tri_verts)], ids == solids.static.original_id()))
     return found
 
 

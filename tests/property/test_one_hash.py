@@ -13,7 +13,13 @@ from crease.mesh import make_mesh
 from crease.native import COVERAGES, RESPONSES
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-FLAGS = ["-std=c11", "-D_POSIX_C_SOURCE=200809L", "-DCR_RIVALS", "-ffp-contract=off", "-fno-math-errno"]
+FLAGS = [
+    "-std=c11",
+    "-D_POSIX_C_SOURCE=200809L",
+    "-DCR_RIVALS",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+]
 CORE = (RESPONSES["zones"], RESPONSES["fixed45"])
 """Other responses count samples themselves, most of them the same way under both coverages: one is enough."""
 BUILDS = [

@@ -68,7 +68,9 @@ def cases(setup: Setup) -> list[Case]:
              wedge_path(angle, 45.0 if angle == 90 else 0.0)[:: setup.every])
         for angle, static in WEDGES.items()
     ]  # fmt: skip
-    found.append(Case("three faces", "corner", "ball15", 1.0, 1.2, poses_of(setup.path("corner3_sphere"))))
+    found.append(
+        Case("three faces", "corner", "ball15", 1.0, 1.2, poses_of(setup.path("corner3_sphere")))
+    )
     return found
 
 
@@ -104,7 +106,13 @@ def run(setup: Setup) -> Result:
     turns: dict[str, dict[str, tuple[F64, F64]]] = {}
     for case in cases(setup):
         rows += _run_case(setup, result, case, turns)
-    heads = ("corner", "response", "turn in one tick, max deg", "error against exact, max deg", "felt radius, mm")
+    heads = (
+        "corner",
+        "response",
+        "turn in one tick, max deg",
+        "error against exact, max deg",
+        "felt radius, mm",
+    )
     result.tables.append(Table("Round the corners", heads, text_rows(rows)))
     _draw_turns(setup, result, turns)
     worst = {n: max(float(t[n][1].max()) for t in turns.values()) for n in NAMES}
@@ -124,7 +132,10 @@ def _run_case(
     exact = exact_path(make_solids(static, tool), case.poses[chosen])[0]
     deep = np.linalg.norm(exact, axis=1) > 0.2 * MM
     way_mm = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(case.poses[:, :3], axis=0), axis=1))] / MM
-    columns = {"way_mm": way_mm, **dict(zip(("x_m", "y_m", "z_m"), case.poses[:, :3].T, strict=True))}
+    columns = {
+        "way_mm": way_mm,
+        **dict(zip(("x_m", "y_m", "z_m"), case.poses[:, :3].T, strict=True)),
+    }
     rows: list[tuple[object, ...]] = []
     corners = []
     for response, label in NAMES.items():
@@ -147,16 +158,16 @@ def _run_case(
     return rows
 
 
-def _draw_turns(
-    setup: Setup, result: Result, turns: dict[str, dict[str, tuple[F64, F64]]]
-) -> None:
+def _draw_turns(setup: Setup, result: Result, turns: dict[str, dict[str, tuple[F64, F64]]]) -> None:
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
         figure = new_figure(10.0, 5.2)
         axes = figure.subplots(2, 2, sharey=True).ravel()
         for axis, (name, found) in zip(axes, turns.items(), strict=True):
-            for (response, (way, turn)), colour in zip(found.items(), (COLOURS[1], COLOURS[0]), strict=True):
+            for (response, (way, turn)), colour in zip(
+                found.items(), (COLOURS[1], COLOURS[0]), strict=True
+            ):
                 axis.plot(way, turn, color=colour, label=NAMES[response])
             axis.axhline(18.0, color="#888888", lw=0.8, ls=":")
             axis.set_yscale("symlog", linthresh=0.1)
@@ -169,4 +180,6 @@ def _draw_turns(
                          ha="right", va="top", fontsize=7.5, color="#666666")  # fmt: skip
         for axis in axes[::2]:
             axis.set_ylabel("turn in one tick, deg")
-        setup.write_figure(result, "direction_turns.png", figure, "Turn of the force from tick to tick.")
+        setup.write_figure(
+            result, "direction_turns.png", figure, "Turn of the force from tick to tick."
+        )

@@ -34,11 +34,15 @@ def run(setup: Setup) -> Result:
     exact = 1e3 * exact_path(make_solids(setup.mesh("block45k"), setup.mesh("cube60_50")), poses)[1]
     scenes = {count: setup.scene("block45k", f"cube60_{count}", 2.0, 2.0) for count in TRIANGLES}
     depths = {
-        ("as published", count): published_mm(scene, setup.mesh(f"cube60_{count}").vertices_m, poses)
+        ("as published", count): published_mm(
+            scene, setup.mesh(f"cube60_{count}").vertices_m, poses
+        )
         for count, scene in scenes.items()
     }
     for count, scene in scenes.items():
-        depths["ours", count] = 1e3 * run_path(scene, make_path(poses))["depth_m"].astype(np.float64)
+        depths["ours", count] = 1e3 * run_path(scene, make_path(poses))["depth_m"].astype(
+            np.float64
+        )
     columns = {"frame": np.arange(len(poses)), "exact_mm": exact}
     for (method, count), depth in depths.items():
         columns[f"{method.replace(' ', '_')}_{count}_mm"] = depth
@@ -87,7 +91,14 @@ def _table(depths: dict[tuple[str, int], F64], exact: F64) -> Table:
          float(np.abs(np.diff(d)).max()), step)
         for (m, n), d in depths.items()
     ]  # fmt: skip
-    heads = ("method", "triangles of the tool", "RMS error, mm", "max error, mm", "largest change in a frame, mm", "exact, mm")
+    heads = (
+        "method",
+        "triangles of the tool",
+        "RMS error, mm",
+        "max error, mm",
+        "largest change in a frame, mm",
+        "exact, mm",
+    )
     return Table("Depth against the exact depth over the whole trajectory", heads, text_rows(rows))
 
 
@@ -95,13 +106,18 @@ def _draw(setup: Setup, result: Result, depths: dict[tuple[str, int], F64], exac
     import matplotlib as mpl
 
     frames = np.arange(len(exact))
-    for name, window in (("penetration.png", (0, len(exact) - 1)), ("penetration_detail.png", DETAIL)):
+    for name, window in (
+        ("penetration.png", (0, len(exact) - 1)),
+        ("penetration_detail.png", DETAIL),
+    ):
         with mpl.rc_context(STYLE):
             figure = new_figure(10.0, 4.2)
             axes = figure.subplots(1, 2, sharey=True)
             for axis, method in zip(axes, METHODS, strict=True):
                 for count, colour in zip(TRIANGLES, COLOURS, strict=False):
-                    axis.plot(frames, depths[method, count], color=colour, label=f"{count:,} triangles")
+                    axis.plot(
+                        frames, depths[method, count], color=colour, label=f"{count:,} triangles"
+                    )
                 axis.plot(frames, exact, color="black", ls=(0, (4, 2)), lw=1.4, label="exact")
                 axis.set_xlim(*window)
                 shown = exact[slice(window[0], window[1] + 1)]
@@ -110,5 +126,9 @@ def _draw(setup: Setup, result: Result, depths: dict[tuple[str, int], F64], exac
                 axis.set_xlabel("frame")
             axes[0].set_ylabel("penetration, mm")
             axes[1].legend(loc="upper right", ncols=2)
-            caption = "Penetration over the trajectory." if window[0] == 0 else "Detail of frames 40 to 80."
+            caption = (
+                "Penetration over the trajectory."
+                if window[0] == 0
+                else "Detail of frames 40 to 80."
+            )
             setup.write_figure(result, name, figure, caption)

@@ -36,9 +36,7 @@ def _table(table: Table) -> str:
 def _figure(folder: Path, name: str, caption: str) -> str:
     data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
     source = f"data:image/png;base64,{data}"
-    return (
-        f'<figure><img src="{source}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>\n'
-    )
+    return f'<figure><img src="{source}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>\n'
 
 
 def _section(result: Result, folder: Path) -> str:
@@ -69,5 +67,10 @@ def text_table(table: Table) -> str:
     """A table for the terminal."""
     cells = [table.heads, *table.rows]
     widths = [max(len(row[k]) for row in cells) for k in range(len(table.heads))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in cells]
-    return "\n".join([table.caption, lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in cells
+    ]
+    return "\n".join(
+        [table.caption, lines[0], "  ".join("-" * width for width in widths), *lines[1:]]
+    )

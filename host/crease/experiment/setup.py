@@ -67,14 +67,18 @@ class Setup:
         """A mesh by name.   Errors: CreaseError, with how to make it."""
         path = self.meshes / f"{name}.stl"
         if not path.exists():
-            raise CreaseError(f"{path}: is missing; run `make meshes`, or name its folder with --meshes")
+            raise CreaseError(
+                f"{path}: is missing; run `make meshes`, or name its folder with --meshes"
+            )
         return load_mesh(path, UNIT_M)
 
     def path(self, name: str) -> Trajectory:
         """A recorded path by name, thinned out.   Errors: CreaseError."""
         file = self.meshes / f"{name}.csv"
         if not file.exists():
-            raise CreaseError(f"{file}: is missing; run `make meshes`, or name its folder with --meshes")
+            raise CreaseError(
+                f"{file}: is missing; run `make meshes`, or name its folder with --meshes"
+            )
         whole = load_trajectory(file)
         return Trajectory(np.ascontiguousarray(whole.rows[:: self.every]), whole.source)
 

@@ -49,8 +49,14 @@ def run(setup: Setup) -> Result:
         for how, skip in SKIPS.items():
             found = run_path(scene, path, ReplayOptions(skip=skip), repeat=setup.repeat)
             touching = found["areas"] > 0
-            median = {k: float(np.median(found[k][touching])) for k in ("points", "nodes", "contacts", "tick_ns")}
-            columns |= {f"{label}_{how.replace(' ', '_')}_{k}": found[k] for k in ("points", "nodes", "contacts")}
+            median = {
+                k: float(np.median(found[k][touching]))
+                for k in ("points", "nodes", "contacts", "tick_ns")
+            }
+            columns |= {
+                f"{label}_{how.replace(' ', '_')}_{k}": found[k]
+                for k in ("points", "nodes", "contacts")
+            }
             rows.append((label, how, f"{median['points']:,.0f}", f"{median['nodes']:,.0f}",
                          f"{median['contacts']:,.0f}", f"{1e-3 * median['tick_ns']:.1f}"))  # fmt: skip
     setup.write_csv(result, "slender.csv", columns)
@@ -58,7 +64,8 @@ def run(setup: Setup) -> Result:
     result.tables.append(Table("Median of the ticks in contact", heads, text_rows(rows)))
     _draw(setup, result, columns)
     less = [
-        float(np.median(columns[f"{t}_without_spheres_points"])) / max(1.0, float(np.median(columns[f"{t}_with_spheres_points"])))
+        float(np.median(columns[f"{t}_without_spheres_points"]))
+        / max(1.0, float(np.median(columns[f"{t}_with_spheres_points"])))
         for t in TOOLS
     ]
     result.found.append(
@@ -79,7 +86,9 @@ def _draw(setup: Setup, result: Result, columns: dict[str, F64]) -> None:
                 "inside": (f"{tool}_with_spheres_contacts", COLOURS[2]),
             }
             for label, (name, colour) in curves.items():
-                axis.plot(columns["tick"], np.maximum(columns[name], 0.5), color=colour, label=label)
+                axis.plot(
+                    columns["tick"], np.maximum(columns[name], 0.5), color=colour, label=label
+                )
             axis.set_yscale("log")
             axis.set_title(tool)
             axis.set_xlabel("tick")

@@ -73,7 +73,11 @@ def run(setup: Setup) -> Result:
         scene = setup.scene(case.static, case.tool, *case.sizes_mm)
         path = make_path(case.poses)
         defined = _defined_mm(setup, case)
-        columns = {"pushed_mm": case.pushed_mm, "expected_mm": case.expected_mm, "defined_mm": defined}
+        columns = {
+            "pushed_mm": case.pushed_mm,
+            "expected_mm": case.expected_mm,
+            "defined_mm": defined,
+        }
         felt.setdefault(case.name, {})["exact d*"] = defined
         rows.append((case.about, "exact d*", *_where_wrong(case, defined)))
         for name, options in METHODS.items():
@@ -84,8 +88,17 @@ def run(setup: Setup) -> Result:
             felt.setdefault(case.name, {})[name] = columns[f"{name.replace(' ', '_')}_mm"] = felt_mm
             rows.append((case.about, name, *_where_wrong(case, felt_mm)))
         setup.write_csv(result, f"{case.name.replace(' ', '_')}.csv", columns)
-    heads = ("push", "method", "right up to, mm", "largest error, mm", "pushes the wrong way", "lets go")
-    result.tables.append(Table("Force over stiffness against the way pushed", heads, text_rows(rows)))
+    heads = (
+        "push",
+        "method",
+        "right up to, mm",
+        "largest error, mm",
+        "pushes the wrong way",
+        "lets go",
+    )
+    result.tables.append(
+        Table("Force over stiffness against the way pushed", heads, text_rows(rows))
+    )
     _draw(setup, result, found, felt)
     result.found += [
         f"{case.about}: zones are right up to {_where_wrong(case, felt[case.name]['zones'])[0]} mm."
@@ -123,11 +136,17 @@ def _draw(setup: Setup, result: Result, found: list[Case], felt: dict[str, dict[
     with mpl.rc_context(STYLE):
         figure = new_figure(12.0, 3.9)
         for axis, case in zip(figure.subplots(1, 3), found, strict=True):
-            axis.plot(case.pushed_mm, case.expected_mm, color="black", ls=(0, (4, 2)), label="expected")
-            for (name, values), colour in zip(felt[case.name].items(), ("#888888", *COLOURS), strict=False):
+            axis.plot(
+                case.pushed_mm, case.expected_mm, color="black", ls=(0, (4, 2)), label="expected"
+            )
+            for (name, values), colour in zip(
+                felt[case.name].items(), ("#888888", *COLOURS), strict=False
+            ):
                 axis.plot(case.pushed_mm, values, color=colour, label=name)
             axis.set_title(case.about, fontsize=8.5)
             axis.set_xlabel("pushed, mm")
         figure.axes[0].set_ylabel("force / stiffness, mm")
         figure.axes[0].legend(loc="upper left")
-        setup.write_figure(result, "thin_and_deep.png", figure, "Force along the push, and what it should be.")
+        setup.write_figure(
+            result, "thin_and_deep.png", figure, "Force along the push, and what it should be."
+        )

@@ -59,7 +59,9 @@ def run(setup: Setup) -> Result:
             found = time_phases(scene, path, ReplayOptions(skip=skip), setup.repeat)
             touching = found[found["areas"] > 0]
             us = [1e-3 * float(np.median(touching[f"{p}_ns"])) for p in PHASES]
-            total = 1e-3 * float(np.median(sum(touching[f"{p}_ns"].astype(np.float64) for p in PHASES)))
+            total = 1e-3 * float(
+                np.median(sum(touching[f"{p}_ns"].astype(np.float64) for p in PHASES))
+            )
             points = float(np.median(touching["points"]))
             rows.append((how, f"{count:,}", *(f"{v:.2f}" for v in (*us, total)), f"{points:,.0f}"))
             values = [count, int(skip != 0), *us, total, points]
@@ -67,7 +69,13 @@ def run(setup: Setup) -> Result:
             for name, value in zip(names, values, strict=True):
                 columns.setdefault(name, []).append(float(value))
     setup.write_csv(result, "timing.csv", {k: np.array(v) for k, v in columns.items()})
-    heads = ("", "triangles of the tool", *(f"{p}, us" for p in PHASES), "total, us", "samples looked at")
+    heads = (
+        "",
+        "triangles of the tool",
+        *(f"{p}, us" for p in PHASES),
+        "total, us",
+        "samples looked at",
+    )
     result.tables.append(Table("Median time in contact", heads, text_rows(rows)))
     _draw(setup, result, columns)
     half = len(TRIANGLES)

@@ -32,7 +32,9 @@ class Case:
     window_mm: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 
-def _pose(position_mm: tuple[float, float, float], axis: tuple[float, float, float], deg: float) -> F64:
+def _pose(
+    position_mm: tuple[float, float, float], axis: tuple[float, float, float], deg: float
+) -> F64:
     half = np.radians(deg) / 2.0
     turn = np.sin(half) * np.array(axis) / np.linalg.norm(axis)
     return np.r_[MM * np.array(position_mm), np.cos(half), turn]
@@ -43,8 +45,8 @@ CASES = (
          ((-115.0, 0.0), (-55.0, 55.0), (-30.0, 70.0))),
     Case("one area, two zones", "block45k", "cube60_2700", (2.0, 2.0), _pose((15.0, 0.0, 17.0), (0.2, 1.0, 0.1), 38.0),
          ((-60.0, 50.0), (-55.0, 55.0), (-50.0, 60.0))),
-    Case("two areas, one zone each", "bar", "u_tool", (1.0, 2.0), _pose((0.0, 20.0, 0.0), (0.0, 0.0, 1.0), 0.0),
-         ((-35.0, 35.0), (-10.0, 55.0), (-25.0, 40.0))),
+    Case("two areas, one zone each", "block45k", "u_tool", (2.0, 2.0), _pose((-60.0, 0.0, 17.0), (0.3, 1.0, 0.0), 2.0),
+         ((-115.0, -5.0), (-45.0, 45.0), (-25.0, 60.0))),
 )  # fmt: skip
 
 
@@ -66,13 +68,40 @@ def run(setup: Setup) -> Result:
             for z, zone in enumerate(area["zones"]):
                 rows.append((case.name, a + 1, z + 1, f"{zone['area_mm2']:.0f}", f"{zone['weight_mm2']:.0f}",
                              _triple(zone["normal"]), f"{area['depth_mm']:.2f}", _triple(area["normal"])))  # fmt: skip
-                values = (number, a, z, zone["area_mm2"], zone["weight_mm2"], *zone["normal"], area["depth_mm"])
-                names = ("case", "area", "zone", "area_mm2", "weight_mm2", "nx", "ny", "nz", "depth_mm")
+                values = (
+                    number,
+                    a,
+                    z,
+                    zone["area_mm2"],
+                    zone["weight_mm2"],
+                    *zone["normal"],
+                    area["depth_mm"],
+                )
+                names = (
+                    "case",
+                    "area",
+                    "zone",
+                    "area_mm2",
+                    "weight_mm2",
+                    "nx",
+                    "ny",
+                    "nz",
+                    "depth_mm",
+                )
                 for name, value in zip(names, values, strict=True):
                     columns.setdefault(name, []).append(float(value))
         figure = _draw(setup, case, _areas(out), pieces)
         setup.write_figure(result, f"zones_{number + 1}.png", figure, case.name.capitalize() + ".")
-    heads = ("contact", "area", "zone", "touched, mm^2", "inside the tool, mm^2", "zone normal", "depth, mm", "area normal")
+    heads = (
+        "contact",
+        "area",
+        "zone",
+        "touched, mm^2",
+        "inside the tool, mm^2",
+        "zone normal",
+        "depth, mm",
+        "area normal",
+    )
     result.tables.append(Table("What the tick says", heads, text_rows(rows)))
     setup.write_csv(result, "zones.csv", {k: np.array(v) for k, v in columns.items()})
     return result
@@ -114,12 +143,14 @@ def _areas(out: Any) -> list[dict[str, Any]]:
 
 
 def _zone_of(corners_mm: F64, zones: list[dict[str, Any]]) -> int:
-    """The zone that a triangle of the collided surface lies in: nearest plane and normal."""
+    """The zone that a triangle of the collided surface lies in: by plane and normal; of zones in one plane the nearest."""
     normal = np.cross(corners_mm[1] - corners_mm[0], corners_mm[2] - corners_mm[0])
     normal /= max(float(np.linalg.norm(normal)), 1e-12)
     middle = corners_mm.mean(axis=0)
     cost = [
-        abs(float(z["normal"] @ middle) - z["offset_mm"]) + 10.0 * (1.0 - float(z["normal"] @ normal))
+        abs(float(z["normal"] @ middle) - z["offset_mm"])
+        + 10.0 * (1.0 - float(z["normal"] @ normal))
+        + 0.01 * float(np.linalg.norm(z["centre_mm"] - middle))
         for z in zones
     ]
     return int(np.argmin(cost))
@@ -139,10 +170,15 @@ def _draw(setup: Setup, case: Case, areas: list[dict[str, Any]], pieces: list[Pi
         )
         for z in range(len(zones)):
             shown = [
-                t for piece in pieces for t in 1e3 * piece.corners_m[piece.from_static] if _zone_of(t, zones) == z
+                t
+                for piece in pieces
+                for t in 1e3 * piece.corners_m[piece.from_static]
+                if _zone_of(t, zones) == z
             ]
             axes.add_collection3d(
-                Poly3DCollection(shown, facecolor=COLOURS[z], edgecolor=COLOURS[z], lw=0.4, alpha=0.85, zorder=2)
+                Poly3DCollection(
+                    shown, facecolor=COLOURS[z], edgecolor=COLOURS[z], lw=0.4, alpha=0.85, zorder=2
+                )
             )
         edges = _outline(setup, case)
         axes.add_collection3d(Line3DCollection(edges, color="#333333", lw=0.9, zorder=3))
@@ -151,7 +187,9 @@ def _draw(setup: Setup, case: Case, areas: list[dict[str, Any]], pieces: list[Pi
         most = max(float(np.linalg.norm(a["force_N"])) for a in areas)
         for area in areas:
             _arrow(axes, area["point_mm"], FORCE_MM / most * area["force_N"], "#c23b22", 3.0)
-        for set_limits, (low, high) in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), case.window_mm, strict=True):
+        for set_limits, (low, high) in zip(
+            (axes.set_xlim, axes.set_ylim, axes.set_zlim), case.window_mm, strict=True
+        ):
             set_limits(low, high)
         axes.set_box_aspect([high - low for low, high in case.window_mm], zoom=1.45)
         axes.view_init(elev=24.0, azim=-58.0)

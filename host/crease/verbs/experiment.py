@@ -27,8 +27,12 @@ def add_parser(sub: SubParsers) -> None:
         description="Run an experiment of the paper, or all of them with one page to read (report.html). "
         "Images that are not baked yet are baked into DIR/images.",
     )
-    parser.add_argument("name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"]))
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the files")
+    parser.add_argument(
+        "name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"])
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the files"
+    )
     parser.add_argument(
         "--meshes", metavar="DIR", type=Path, default=Path("build/meshes"),
         help="meshes and paths as `make meshes` makes them (build/meshes)",
@@ -37,8 +41,16 @@ def add_parser(sub: SubParsers) -> None:
         "--images", metavar="DIR", type=Path, default=Path("build/scenes"),
         help="images of these meshes that are there already (build/scenes)",
     )  # fmt: skip
-    parser.add_argument("--every", metavar="N", type=_count, default=1, help="only each N-th pose, for a quick look")
-    parser.add_argument("--repeat", metavar="N", type=_count, default=20, help="timings are the least of N runs (20)")
+    parser.add_argument(
+        "--every", metavar="N", type=_count, default=1, help="only each N-th pose, for a quick look"
+    )
+    parser.add_argument(
+        "--repeat",
+        metavar="N",
+        type=_count,
+        default=20,
+        help="timings are the least of N runs (20)",
+    )
     add_force(parser)
     parser.set_defaults(run=run)
 
@@ -53,7 +65,9 @@ def run(args: argparse.Namespace) -> None:
     if out.exists() and not out.is_dir():
         raise CreaseError(f"{out}: is a file; name a folder")
     if out.exists() and any(p.name != "images" for p in out.iterdir()) and not args.force:
-        raise CreaseError(f"{out}: holds files already; give --force to replace them, or name another folder")
+        raise CreaseError(
+            f"{out}: holds files already; give --force to replace them, or name another folder"
+        )
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
