@@ -192,7 +192,7 @@ def peg() -> Mesh:
 
 
 def screwdriver() -> Mesh:
-    """Screwdriver along x, tip at x = 110 mm: shaft R 3 mm from x = 0, handle R 13 mm behind it (48 sides), flat blade."""
+    """Screwdriver along x: flat blade at x = 110 mm, shaft R 3 mm from x = 0, handle R 13 mm behind (48 sides)."""
     outline = [
         (0.0, -95.0),
         (11.0, -95.0),

@@ -1,7 +1,8 @@
-"""The exact contact of two solids in one pose, from a boolean of their meshes: what the experiments draw beside the tick.
+"""The exact contact of two solids in one pose, from a boolean of their meshes.
 
-For one contact area with convex creases (firmware/DESIGN.md "Zones and area normal"): F* = k d* n*, n* against the gradient of the
-overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own, and add up.
+For contact areas with convex creases (firmware/DESIGN.md "Zones and area normal"): F* = k d* n*, n* against the
+gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own,
+and add up.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Solids:
 
 @dataclass(frozen=True)
 class Piece:
-    """One connected piece of overlap, world frame: corners (m, 3, 3) of its faces, and which are the static object's."""
+    """One connected piece of overlap, world frame: corners (m, 3, 3) of its faces; which are the static object's."""
 
     corners_m: F64
     from_static: npt.NDArray[np.bool_]

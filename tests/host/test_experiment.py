@@ -162,7 +162,7 @@ def test_zones_shows_one_and_two_zones_and_two_areas(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_thin_and_deep_shows_where_it_breaks(tmp_path: Path) -> None:
-    """The plate turns the force round as the ball's middle passes it; the swallowed cube feels nothing; the proxy does not mind."""
+    """The plate turns the force as the ball's middle passes; the swallowed cube feels nothing; the proxy holds."""
     check_files(run_experiment("thin-and-deep", setup_in(tmp_path, every=4)), tmp_path)
     plate = read_table(tmp_path / "plate.csv")
     pushed = plate["pushed_mm"]

@@ -1,6 +1,7 @@
-"""The experiments of the paper that the method comes from, and where it breaks: each writes CSV, figures and a short table.
+"""The experiments of the paper that the method comes from, and where it breaks.
 
-One module for each experiment, with TITLE and run(setup) -> Result. `crease experiment` is the command.
+Each writes CSV, figures and a short table. One module for each, with run(setup) -> Result; `crease experiment` is the
+command.
 """
 
 from __future__ import annotations

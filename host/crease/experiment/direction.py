@@ -1,4 +1,4 @@
-"""Force direction round corners: figure 10 of the paper, for edges of 60, 90 and 120 degrees and a corner of three faces."""
+"""Force direction round corners: figure 10 of the paper, for three edges and a corner of three faces."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Case:
 
 
 def wedge_path(angle_deg_: float, lean_deg: float) -> F64:
-    """Poses of the ball along one face, round the edge (the y axis) and down the other; lean of the bisector from -z."""
+    """Poses of the ball along one face, round the edge (the y axis), down the other; lean of the bisector from -z."""
     half = np.radians(90.0 - angle_deg_ / 2.0)
     reach = RADIUS_MM - DEPTH_MM
     turn = np.linspace(-half, half, round(2.0 * half * reach / STEP_MM))
@@ -83,7 +83,8 @@ def turns_deg(force: F64) -> F64:
 def felt_radius_mm(force: F64, poses: F64) -> float:
     """Radius of the corner that turns the force as this one does, at its sharpest: least way per turn.
 
-    Taken over windows of 2 mm of way, so that the noise of single ticks does not enter; 0 where the force turns at once.
+    Taken over windows of 2 mm of way, so that the noise of single ticks does not enter: where the force turns at
+    once, 2 mm over that turn.
     """
     turn = np.r_[0.0, np.cumsum(np.radians(turns_deg(force)))]
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1))] / MM
@@ -98,9 +99,12 @@ def run(setup: Setup) -> Result:
     result = Result(
         "direction",
         "Direction of the force round a corner",
-        f"A sphere of R {RADIUS_MM:g} mm is drawn {DEPTH_MM:g} mm deep along one face, round the edge and along the other, at 100 mm/s; "
-        "a ball of R 15 mm over a corner of three faces. Fixed 45 degrees: every zone at the edge counts the same. Felt radius: the "
-        "way of the tool over the turn of the force where it turns fastest, over 2 mm of way; a right-angled jump has almost none.",
+        f"A sphere of R {RADIUS_MM:g} mm is drawn {DEPTH_MM:g} mm deep along one face, round the "
+        "edge and along the other, at 100 mm/s; "
+        "a ball of R 15 mm over a corner of three faces. Fixed 45 degrees: every zone at the "
+        "edge counts the same. Felt radius: the "
+        "way of the tool over the turn of the force where it turns fastest, over 2 mm of way; a "
+        "right-angled jump has almost none.",
     )
     rows: list[tuple[object, ...]] = []
     turns: dict[str, dict[str, tuple[F64, F64]]] = {}
@@ -117,7 +121,8 @@ def run(setup: Setup) -> Result:
     _draw_turns(setup, result, turns)
     worst = {n: max(float(t[n][1].max()) for t in turns.values()) for n in NAMES}
     result.found.append(
-        f"Fixed 45 degrees turns the force by up to {worst['fixed45']:.0f} degrees in one tick, zones by at most {worst['zones']:.2f}."
+        f"Fixed 45 degrees turns the force by up to {worst['fixed45']:.0f} degrees in one tick, "
+        f"zones by at most {worst['zones']:.2f}."
     )
     return result
 

@@ -25,8 +25,11 @@ def run(setup: Setup) -> Result:
     result = Result(
         "penetration",
         "Penetration measured with different tessellations of the tool",
-        "A 60 mm cube turns over the convex edge of a block of 45,000 triangles: one recorded trajectory, played with the "
-        "cube tessellated by 50 to 2,700 triangles. As published: area normal and contact plane from samples inside or outside, depth from the vertices of the tool's mesh in the zones' spheres. Ours: samples of its "
+        "A 60 mm cube turns over the convex edge of a block of 45,000 triangles: one recorded "
+        "trajectory, played with the "
+        "cube tessellated by 50 to 2,700 triangles. As published: area normal and contact plane "
+        "from samples inside or outside, depth from the vertices of the tool's mesh in the "
+        "zones' spheres. Ours: samples of its "
         "surface, weighed by how much of each is inside. Exact: the extent of the overlap along the exact normal.",
     )
     whole = poses_of(setup.path("edge90_cube"))
@@ -58,9 +61,12 @@ def run(setup: Setup) -> Result:
 
 
 def published_mm(scene: Scene, vertices_m: F64, poses: F64) -> F64:
-    """Depth as [1] measures it, mm, (n,): zones, area normal and contact plane of the tick with samples in or out, then the most
-    remote of the mesh's own vertices in the inner half of a zone's sphere. The point shell has no vertices on flat faces, the paper's
-    tool has nothing else."""
+    """Depth as the paper measures it, mm, (n,).
+
+    Zones, area normal and contact plane of the tick with samples in or out, then the most remote of the mesh's own
+    vertices in the inner half of a zone's sphere. The point shell has no samples at vertices of flat faces; the paper's
+    tool has nothing else.
+    """
     world = World(scene, ReplayOptions(coverage="hard"))
     found = np.zeros(len(poses))
     for i, pose in enumerate(poses):

@@ -18,7 +18,8 @@ figure { margin: 1.4rem 0; } img { max-width: 100%; height: auto; } figcaption {
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .9rem; margin: .4rem 0 1.4rem; }
 caption { text-align: left; color: #555; padding-bottom: .3rem; }
 th, td { padding: .22rem .8rem; border-bottom: 1px solid #e4e4e4; text-align: right; white-space: nowrap; }
-th { font-weight: 600; white-space: normal; vertical-align: bottom; } td:first-child, th:first-child { text-align: left; }
+th { font-weight: 600; white-space: normal; vertical-align: bottom; }
+td:first-child, th:first-child { text-align: left; }
 .files { color: #555; font-size: .85rem; } code { background: #f3f5f7; padding: 0 .25em; }
 """
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from crease.experiment.setup import F64, MM, Result, Setup, Table, make_path, text_rows
 from crease.native import skip_mask
@@ -38,11 +41,13 @@ def run(setup: Setup) -> Result:
     result = Result(
         "slender",
         "Long thin tools",
-        f"A screwdriver (its shaft) and a spanner lie across the edge of the block, {DEPTH_MM:g} mm deep, and slide and tip over it. "
-        "Without spheres every sample is looked up in every tick. With them, only the spheres near the edge are opened.",
+        f"A screwdriver (its shaft) and a spanner lie across the edge of the block, {DEPTH_MM:g} "
+        "mm deep, and slide and tip over it. "
+        "Without spheres every sample is looked up in every tick. With them, only the spheres "
+        "near the edge are opened.",
     )
     rows: list[tuple[object, ...]] = []
-    columns = {"tick": np.arange(0, TICKS, setup.every)}
+    columns: dict[str, npt.NDArray[Any]] = {"tick": np.arange(0, TICKS, setup.every)}
     for label, (mesh, half_mm, along_mm) in TOOLS.items():
         scene = setup.scene("block45k", mesh, 2.0, 1.2)
         path = make_path(edge_path(half_mm, along_mm, TICKS)[:: setup.every])
@@ -69,12 +74,13 @@ def run(setup: Setup) -> Result:
         for t in TOOLS
     ]
     result.found.append(
-        f"The spheres leave {' and '.join(f'1/{v:.0f}' for v in less)} of the samples of {' and '.join(TOOLS)} to look at."
+        f"The spheres leave {' and '.join(f'1/{v:.0f}' for v in less)} of the samples of "
+        f"{' and '.join(TOOLS)} to look at."
     )
     return result
 
 
-def _draw(setup: Setup, result: Result, columns: dict[str, F64]) -> None:
+def _draw(setup: Setup, result: Result, columns: dict[str, npt.NDArray[Any]]) -> None:
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):

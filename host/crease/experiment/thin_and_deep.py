@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from crease.exact import exact_path, make_solids
 from crease.experiment.setup import F64, MM, Result, Setup, Table, make_path, text_rows, upright
@@ -26,7 +27,7 @@ EXACT_EVERY = 4
 
 @dataclass(frozen=True)
 class Case:
-    """A push along one direction: meshes, voxel and spacing in mm, poses, how far the tool was pushed, what it should feel."""
+    """A push along one axis: meshes, voxel and spacing in mm, poses, how far it was pushed, what it should feel."""
 
     name: str
     about: str
@@ -61,9 +62,12 @@ def run(setup: Setup) -> Result:
     result = Result(
         "thin-and-deep",
         "Where it breaks: thin and deep",
-        "The tick answers each pose as it stands, without a memory of where the tool came from. Expected: the way back to where the "
-        "tool was pushed in. Exact d*: what the method converges to, from booleans. Through a plate it is the plate's thickness, fully "
-        "inside nothing, and in a round hole the whole width of the crescent that overlaps, many times the true depth: it is the "
+        "The tick answers each pose as it stands, without a memory of where the tool came from. "
+        "Expected: the way back to where the "
+        "tool was pushed in. Exact d*: what the method converges to, from booleans. Through a "
+        "plate it is the plate's thickness, fully "
+        "inside nothing, and in a round hole the whole width of the crescent that overlaps, many "
+        "times the true depth: it is the "
         "definition that breaks, not its computation. A proxy has the memory, but is a ball.",
     )
     rows: list[tuple[object, ...]] = []
@@ -124,7 +128,7 @@ def _where_wrong(case: Case, felt_mm: F64) -> tuple[str, str, str, str]:
     gone = (np.abs(felt_mm) < 1e-6) & (np.abs(case.expected_mm) > WRONG_MM)
     right = "all the way" if first == len(wrong) else f"{case.pushed_mm[max(0, first - 1)]:.2f}"
 
-    def since(mask: F64) -> str:
+    def since(mask: npt.NDArray[np.bool_]) -> str:
         return f"from {case.pushed_mm[int(np.argmax(mask))]:.2f} mm" if mask.any() else "never"
 
     return right, f"{float(error.max()):.2f}", since(against), since(gone)

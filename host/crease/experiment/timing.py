@@ -45,9 +45,11 @@ def run(setup: Setup) -> Result:
     result = Result(
         "timing",
         "Time of each phase",
-        "The trajectory of the penetration experiment. Detect finds the samples inside; zones joins them; normal weighs the zones and "
+        "The trajectory of the penetration experiment. Detect finds the samples inside; zones "
+        "joins them; normal weighs the zones and "
         "gives area normal and contact plane; penetration finds the deepest point. Least of "
-        f"{setup.repeat} runs of each pose, median over the poses in contact. Without spheres every sample of the tool is looked up "
+        f"{setup.repeat} runs of each pose, median over the poses in contact. Without spheres "
+        "every sample of the tool is looked up "
         f"in every tick. Machine: {machine()}.",
     )
     path = setup.path("edge90_cube")
@@ -81,7 +83,8 @@ def run(setup: Setup) -> Result:
     half = len(TRIANGLES)
     total_us = columns["total_us"]
     result.found.append(
-        f"A tick takes {min(total_us[:half]):.1f} to {max(total_us[:half]):.1f} us whatever the tessellation; without the spheres "
+        f"A tick takes {min(total_us[:half]):.1f} to {max(total_us[:half]):.1f} us whatever the "
+        "tessellation; without the spheres "
         f"{min(total_us[half:]):.0f} to {max(total_us[half:]):.0f} us. Detection is most of it."
     )
     return result

@@ -22,7 +22,7 @@ NORMAL_MM, FORCE_MM = 9.0, 22.0
 
 @dataclass(frozen=True)
 class Case:
-    """One contact to draw: static and tool mesh, voxel and spacing in mm, pose (7,), what of the scene to show in mm."""
+    """One contact to draw: static and tool mesh, voxel and spacing in mm, pose (7,), what of it to show in mm."""
 
     name: str
     static: str
@@ -37,7 +37,8 @@ def _pose(
 ) -> F64:
     half = np.radians(deg) / 2.0
     turn = np.sin(half) * np.array(axis) / np.linalg.norm(axis)
-    return np.r_[MM * np.array(position_mm), np.cos(half), turn]
+    pose: F64 = np.r_[MM * np.array(position_mm), np.cos(half), turn]
+    return pose
 
 
 CASES = (
@@ -55,7 +56,8 @@ def run(setup: Setup) -> Result:
     result = Result(
         "zones",
         "Contact areas and contact zones",
-        "The collided surface of the static object, cut out exactly, coloured by the zone that the tick has there; a thin arrow at each "
+        "The collided surface of the static object, cut out exactly, coloured by the zone that "
+        "the tick has there; a thin arrow at each "
         "zone's centre is its normal, the thick one the force of its area. The tool is drawn as its edges.",
     )
     rows: list[tuple[object, ...]] = []
@@ -143,7 +145,7 @@ def _areas(out: Any) -> list[dict[str, Any]]:
 
 
 def _zone_of(corners_mm: F64, zones: list[dict[str, Any]]) -> int:
-    """The zone that a triangle of the collided surface lies in: by plane and normal; of zones in one plane the nearest."""
+    """The zone that a triangle of the collided surface is of: by plane and normal; in one plane the nearest."""
     normal = np.cross(corners_mm[1] - corners_mm[0], corners_mm[2] - corners_mm[0])
     normal /= max(float(np.linalg.norm(normal)), 1e-12)
     middle = corners_mm.mean(axis=0)
@@ -158,7 +160,10 @@ def _zone_of(corners_mm: F64, zones: list[dict[str, Any]]) -> int:
 
 def _draw(setup: Setup, case: Case, areas: list[dict[str, Any]], pieces: list[Piece]) -> Figure:
     import matplotlib as mpl
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+    from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]
+        Line3DCollection,
+        Poly3DCollection,
+    )
 
     zones = [zone for area in areas for zone in area["zones"]]
     with mpl.rc_context(STYLE):
@@ -211,7 +216,8 @@ def _clipped(setup: Setup, case: Case) -> F64:
     box = _box_manifold(low, high)
     solid = to_manifold(1e3 * mesh.vertices_m, mesh.triangles).as_original().simplify(2e-5) ^ box
     out = solid.to_mesh64()
-    return np.asarray(out.vert_properties)[:, :3][np.asarray(out.tri_verts)]
+    triangles: F64 = np.asarray(out.vert_properties)[:, :3][np.asarray(out.tri_verts)]
+    return triangles
 
 
 def _box_manifold(low: F64, high: F64) -> Any:
