@@ -21,16 +21,18 @@ APT_BROWSER := chromium-headless-shell
 BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 
 FIRMWARE_C := $(wildcard firmware/*.c)
+# Other methods, for comparison: host and simulator only, never in a device library.
+RIVALS_C := $(wildcard firmware/rivals/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C))
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
-C_ALL := $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
+C_ALL := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -78,7 +80,7 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(NATIVE_C) $(wildcard firmware/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/rivals/*.h host/native/*.h) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
@@ -128,7 +130,7 @@ CFLAGS_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno
 CC_cov := gcc
 CFLAGS_cov := -O0 -g --coverage
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
-C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
+C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -DCR_RIVALS -ffp-contract=off -fno-math-errno
 INCLUDES := -Ifirmware -Ifirmware/port/linux -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
 
 define VARIANT
@@ -137,7 +139,7 @@ build/$(1)/%.o: %.c
 	@echo "$(1): $$<"
 	@$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
 
-build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(RIVALS_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
@@ -214,8 +216,8 @@ lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
 
 lint-clang-tidy:
-	@echo clang-tidy $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
-	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	@echo clang-tidy $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
 	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
 
 lint-cppcheck:

@@ -3,6 +3,9 @@
  * Weights of the zones by cone decomposition, plane, depth and splitting at concave creases are the same for every response; a
  * response may turn the normal. The method as published (hard coverage) has its own path. */
 #include "stages.h"
+#ifdef CR_RIVALS
+#include "rivals/rivals.h"
+#endif
 
 /* Pull of a zone's weight to the tool area facing it: breaks ties between dependent zones; larger biases the direction. */
 #define PULL_FACING 1e-3f
@@ -85,13 +88,26 @@ static cr_vec3 turn_to_45(const cr_area_work *a, const float *share, cr_vec3 n) 
     return length > 1e-3f ? v3_scale(sum, 1.0f / length) : n;
 }
 
+/* A response of its own: all areas at once, nothing shared with the zone method. */
+typedef uint32_t (*answer_fn)(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room);
+
 /* The response table: config->response selects a row. */
 static const struct {
     turn_fn turn;
     uint32_t as_published; /* 1: hard coverage selects the method to the letter of [1] */
+    answer_fn answer;      /* not null: this instead */
 } responses[CR_RESPONSE_COUNT] = {
-    [CR_RESPONSE_ZONES] = {keep_normal, 1u},
-    [CR_RESPONSE_FIXED45] = {turn_to_45, 0u},
+    [CR_RESPONSE_ZONES] = {keep_normal, 1u, NULL},
+    [CR_RESPONSE_FIXED45] = {turn_to_45, 0u, NULL},
+#ifdef CR_RIVALS
+    [CR_RESPONSE_VOXMAP] = {NULL, 0u, cr_rival_voxmap},
+    [CR_RESPONSE_DISTANCE_FIELD] = {NULL, 0u, cr_rival_distance_field},
+    [CR_RESPONSE_DEEPEST_GROUP] = {NULL, 0u, cr_rival_deepest_group},
+    [CR_RESPONSE_OVERLAP] = {NULL, 0u, cr_rival_overlap},
+    [CR_RESPONSE_NORMAL_GROUPS] = {NULL, 0u, cr_rival_normal_groups},
+    [CR_RESPONSE_GOD_OBJECT] = {NULL, 0u, cr_rival_god_object},
+    [CR_RESPONSE_SPHERE_PROXY] = {NULL, 0u, cr_rival_sphere_proxy},
+#endif
 };
 
 /* W v for one lane. */
@@ -741,6 +757,10 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
 uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
                     cr_stats *stats) {
     uint32_t made = 0u;
+    const answer_fn answer = responses[in->config->response].answer;
+    if (answer != NULL) {
+        return answer(in, areas, out, out_max);
+    }
     for (uint32_t i = 0; i < areas->count; i++) {
         const cr_area_work *a = &areas->areas[i];
         if (a->zone_count == 0u || !(a->sum.area > 0.0f)) {

@@ -154,12 +154,24 @@ void cr_zones(const cr_scene *scene, uint16_t *hit_of_cluster, cr_contact_set *s
               cr_stats *stats);
 #define CR_HIT_NONE 0xffffu
 
+#ifdef CR_RIVALS
+/* Where a proxy rests while the tool is inside: state of the proxy responses (rivals/README.md). */
+typedef struct {
+    cr_vec3 pos_m;
+    cr_vec3 device_m; /* the tool's place at the last tick */
+    uint32_t held;    /* 1: pos_m is the proxy's; 0: it starts from device_m */
+} cr_proxy;
+#endif
+
 /* What a response may look at to turn one area into normal, plane and depth. */
 typedef struct {
     const cr_field *field;
     const xform *world_from_tool;
     const cr_contact_set *set;
     const cr_config *config;
+#ifdef CR_RIVALS
+    cr_proxy *proxy;
+#endif
 } cr_respond_input;
 
 /* Purpose  areas with normal, contact plane, depth and acting point: the response that config selects. Concave creases

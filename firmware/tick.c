@@ -16,6 +16,9 @@ struct cr_world {
     uint32_t has_previous;
     uint32_t faults;
     uint16_t *hit_of_cluster;
+#ifdef CR_RIVALS
+    cr_proxy proxy;
+#endif
     cr_contact_set set;
     cr_area_set areas;
 };
@@ -84,6 +87,9 @@ cr_err cr_world_configure(cr_world *world, const cr_config *config) {
         return CR_ERR_CONFIG;
     }
     world->config = *config;
+#ifdef CR_RIVALS
+    world->proxy.held = 0u;
+#endif
     return CR_OK;
 }
 
@@ -93,6 +99,9 @@ void cr_world_clear_fault(cr_world *world) {
     world->faults = 0u;
     world->has_previous = 0u;
     world->motion.valid = 0u;
+#ifdef CR_RIVALS
+    world->proxy.held = 0u;
+#endif
 }
 
 /* Normalised copy of the pose, or a fault. */
@@ -195,7 +204,11 @@ static void fault_when_not_finite(cr_world *w, cr_output *out) {
 }
 
 static void answer(cr_world *w, const xform *now, float period_s, cr_output *out) {
-    cr_respond_input in = {&w->field, now, &w->set, &w->config};
+    cr_respond_input in = {.field = &w->field, .world_from_tool = now, .set = &w->set, .config = &w->config};
+#ifdef CR_RIVALS
+    w->proxy.device_m = w->has_previous ? w->previous.pos_m : now->t;
+    in.proxy = &w->proxy;
+#endif
     cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
     out->area_count = cr_respond(&in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
     for (uint32_t i = 0; i < out->area_count; i++) {
@@ -225,6 +238,9 @@ void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_out
     out->display_pose = pose;
     cr_motion_advance(&w->motion, &pose);
     cr_detect(&w->field, &now, &options, &w->motion, &w->set, &out->stats);
+#ifdef CR_RIVALS
+    w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
+#endif
     if (w->set.hit_count > 0u) {
         answer(w, &now, period_s, out);
     }

@@ -72,6 +72,7 @@ MESHES: dict[str, Callable[[], shapes.Mesh]] = {
     "peg": shapes.peg,
     "hole_block": shapes.hole_block,
     "featuretype": lambda: shapes.feature_part(HERE / "featuretype.STL"),
+    "screwdriver": shapes.screwdriver,
     "spanner": lambda: shapes.spanner(HERE / "wrench.dxf"),
 }
 

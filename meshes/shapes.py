@@ -191,6 +191,25 @@ def peg() -> Mesh:
     return from_manifold(mf.Manifold.cylinder(40.0, 9.8, 9.8, 96, True))
 
 
+def screwdriver() -> Mesh:
+    """Screwdriver along x: flat blade at x = 110 mm, shaft R 3 mm from x = 0, handle R 13 mm behind (48 sides)."""
+    outline = [
+        (0.0, -95.0),
+        (11.0, -95.0),
+        (13.0, -90.0),
+        (13.0, -25.0),
+        (9.0, -12.0),
+        (9.0, -4.0),
+        (5.0, 0.0),
+    ]
+    outline += [(3.0, 0.0), (3.0, 110.0), (0.0, 110.0)]
+    body = mf.CrossSection([np.array(outline)]).revolve(48)
+    side = np.array([(20.0, -100.0), (20.0, 60.0), (3.5, 85.0), (0.5, 111.0)])
+    taper = mf.CrossSection([np.concatenate([side, side[::-1] * [-1.0, 1.0]])])
+    blade = taper.extrude(60.0).translate([0.0, 0.0, -30.0]).rotate([90.0, 0.0, 0.0])
+    return from_manifold((body ^ blade).rotate([0.0, 90.0, 0.0]))
+
+
 def spanner(dxf: Path) -> Mesh:
     """Outline of wrench.dxf (inch) extruded to 8 mm, centred at the origin: 448 triangles."""
     polygon = trimesh.load_path(str(dxf)).polygons_full[0]

@@ -20,10 +20,10 @@ INT_MACRO = re.compile(
 STATIC_ASSERT = re.compile(r"_Static_assert\s*\(.*?\)\s*;", re.DOTALL)
 
 
-def preprocess(cc: str, includes: list[Path], headers: list[Path]) -> str:
+def preprocess(cc: str, options: list[str], headers: list[Path]) -> str:
     """The headers after the preprocessor, with line markers and macro definitions kept."""
     source = "".join(f'#include "{header}"\n' for header in headers)
-    command = [cc, "-E", "-dD", "-std=c11", *(f"-I{path}" for path in includes), "-x", "c", "-"]
+    command = [cc, "-E", "-dD", "-std=c11", *options, "-x", "c", "-"]
     return subprocess.run(command, input=source, capture_output=True, text=True, check=True).stdout
 
 
@@ -47,16 +47,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cc", required=True)
     parser.add_argument("--include", type=Path, action="append", default=[])
+    parser.add_argument("--define", action="append", default=[])
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--module", default="crease._native")
     parser.add_argument("headers", type=Path, nargs="+")
     args = parser.parse_args()
-    includes = [path.resolve() for path in args.include]
+    options = [f"-I{path.resolve()}" for path in args.include]
+    options += [f"-D{name}" for name in args.define]
     headers = [path.resolve() for path in args.headers]
     ffi = FFI()
-    ffi.cdef(
-        declarations(preprocess(args.cc, includes, headers), {path.parent for path in headers})
-    )
+    ffi.cdef(declarations(preprocess(args.cc, options, headers), {path.parent for path in headers}))
     ffi.set_source(args.module, "".join(f'#include "{header.name}"\n' for header in headers))
     ffi.emit_c_code(str(args.out))
 

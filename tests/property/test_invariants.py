@@ -37,6 +37,7 @@ METHODS = [
     for damping in (0.0, 50.0)
     for coverage in COVERAGES
     for response in RESPONSES
+    if response != "god_object"  # a point: too seldom inside at these poses to tell
 ]
 EXAMPLES = settings(
     max_examples=150,

@@ -32,7 +32,7 @@ static uint32_t respond(const crt_rig *rig, const cr_pose *pose, const cr_config
     cr_motion motion;
     const cr_detect_options options = {CR_SKIP_ALL, config->coverage};
     xform now = xform_from_pose(pose);
-    cr_respond_input in = {&rig->field, &now, &set, config};
+    cr_respond_input in = {.field = &rig->field, .world_from_tool = &now, .set = &set, .config = config};
     memset(&motion, 0, sizeof motion);
     memset(&stats, 0, sizeof stats);
     motion.wake_count = rig->scene.group_count * CR_LANES;

@@ -63,7 +63,7 @@ def add_parser(sub: SubParsers) -> None:
         help="as for `crease sim`",
     )
     parser.add_argument("--stiffness", metavar="N/m", type=number(0.0, 1e6), default=1000.0)
-    parser.add_argument("--response", default="zones", help="zones or fixed45 (in process)")
+    parser.add_argument("--response", default="zones", help="as for `crease replay` (in process)")
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)

@@ -1,0 +1,31 @@
+/* distance_field: penalty of points against a signed distance field, summed. Barbic, James 2008. */
+#include "rivals.h"
+
+/* Each point has this part of the stiffness, so that ten of them feel the whole: the paper tunes it to the device. */
+#define POINT_SHARE 0.1f
+
+static void add_hit(const cr_respond_input *in, const cr_hit *hit, cr_rival_sum *sum) {
+    cr_rival_samples s;
+    cr_rival_look(in, hit, &s);
+    while (s.inside != 0u) {
+        int i = take_lane(&s.inside);
+        float push = -s.at.phi_m[i] * POINT_SHARE * cr_rival_count(in, &s, i);
+        cr_rival_add(sum, v3_scale(cr_rival_inward(in, &s, i), push), cr_rival_place(&s, i));
+    }
+}
+
+uint32_t cr_rival_distance_field(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room) {
+    static const cr_rival_sum empty = {0};
+    cr_rival_sum sums[CR_AREAS_MAX];
+    uint32_t made = 0u;
+    for (uint32_t a = 0; a < areas->count; a++) {
+        sums[a] = empty;
+    }
+    for (uint32_t h = 0; h < in->set->hit_count; h++) {
+        add_hit(in, &in->set->hits[h], &sums[in->set->hits[h].area]);
+    }
+    for (uint32_t a = 0; a < areas->count && made < room; a++) {
+        made += cr_rival_finish(&sums[a], areas->areas[a].sum.area, &out[made]);
+    }
+    return made;
+}

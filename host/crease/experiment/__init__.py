@@ -1,0 +1,22 @@
+"""The experiments of the paper that the method comes from, and where it breaks.
+
+Each writes CSV, figures and a short table. One module for each, with run(setup) -> Result; `crease experiment` is the
+command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+
+from crease.experiment.setup import Result, Setup
+
+NAMES = ("penetration", "timing", "direction", "slender", "zones", "thin-and-deep")
+"""In the order of the paper."""
+
+
+def run_experiment(name: str, setup: Setup) -> Result:
+    """Run one of NAMES; its files are in setup.out.   Errors: CreaseError."""
+    module = import_module(f"crease.experiment.{name.replace('-', '_')}")
+    run: Callable[[Setup], Result] = module.run
+    return run(setup)

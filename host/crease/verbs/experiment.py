@@ -1,0 +1,85 @@
+"""`crease experiment`: the paper's experiments and where the method breaks, as CSV, figures, tables and one page."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from crease.errors import CreaseError
+from crease.experiment import NAMES, run_experiment
+from crease.experiment.setup import Setup
+from crease.verbs.common import SubParsers, add_force
+
+REPORT = "report.html"
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 1 or more")
+    return int(text)
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "experiment",
+        help="the paper's experiments, as CSV, figures and tables",
+        description="Run an experiment of the paper, or all of them with one page to read (report.html). "
+        "Images that are not baked yet are baked into DIR/images.",
+    )
+    parser.add_argument(
+        "name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"])
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the files"
+    )
+    parser.add_argument(
+        "--meshes", metavar="DIR", type=Path, default=Path("build/meshes"),
+        help="meshes and paths as `make meshes` makes them (build/meshes)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--images", metavar="DIR", type=Path, default=Path("build/scenes"),
+        help="images of these meshes that are there already (build/scenes)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--every", metavar="N", type=_count, default=1, help="only each N-th pose, for a quick look"
+    )
+    parser.add_argument(
+        "--repeat",
+        metavar="N",
+        type=_count,
+        default=20,
+        help="timings are the least of N runs (20)",
+    )
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError when a mesh is missing, or the folder holds something and --force is not given."""
+    from crease.experiment.report import make_report, text_table
+    from crease.table import write_bytes
+
+    out: Path = args.output
+    names = NAMES if args.name == "all" else (args.name,)
+    if out.exists() and not out.is_dir():
+        raise CreaseError(f"{out}: is a file; name a folder")
+    if out.exists() and any(p.name != "images" for p in out.iterdir()) and not args.force:
+        raise CreaseError(
+            f"{out}: holds files already; give --force to replace them, or name another folder"
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
+    setup = Setup(args.meshes, args.images, out, args.every, args.repeat)
+    results = []
+    for name in names:
+        result = run_experiment(name, setup)
+        results.append(result)
+        text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
+        print(f"{result.title}\n\n{text}\n", flush=True)
+        write_bytes(out / f"{name}.txt", (text + "\n").encode())
+    if args.name == "all":
+        write_bytes(out / REPORT, make_report(results, out).encode())
+        print(f"page: {out / REPORT}")
