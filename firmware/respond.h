@@ -1,0 +1,36 @@
+/* What the parts of the respond stage share: respond.c, depth.c, split.c, published.c. Internal to that stage. */
+#ifndef CR_RESPOND_H
+#define CR_RESPOND_H
+
+#include "stages.h"
+
+static inline float dot_zone(const cr_area_work *a, uint32_t i, cr_vec3 v) {
+    return v3_dot(a->zones[i].normal_world, v);
+}
+
+static inline cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
+
+/* The part of an area that answers with one plane. */
+typedef struct {
+    float share[CR_ZONES_MAX]; /* of each zone, 0..1 */
+    uint32_t own;              /* zones with a share */
+    uint32_t behind; /* zones behind whose plane a point has to lie to be its own: those at a concave crease */
+} cr_group;
+
+/* Purpose  groups of zones: joined by convex creases, parted by concave ones; in a mixed corner some zones are shared.
+ * Shapes   alpha[area->zone_count], m^2; groups[CR_ZONES_MAX].   Output  number of groups, at least 1 for an area with zones. */
+uint32_t cr_split(const cr_scene *scene, const cr_area_work *area, const float *alpha, cr_group *groups);
+
+/* Purpose  lowest n . p, m, of the tool surface that is inside and belongs to the group; plane_m when there is none lower.
+ * Shapes   n: unit, world frame; plane_m: n . p on the contact plane.   Cost  O(hits of the area), a few lookups a hit. */
+float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *area, const cr_group *part, cr_vec3 n,
+                float plane_m);
+
+/* Purpose  an area by the method as published, s the reversed tool sum in the world frame.   Output  areas written, 0 or 1. */
+uint32_t cr_answer_as_published(const cr_respond_input *in, uint32_t index, const cr_area_work *area, cr_vec3 s,
+                                cr_area *out);
+
+/* Purpose  zones, weights and size of an answer. */
+void cr_report_area(const cr_area_work *area, const float *alpha, const float *share, cr_area *out);
+
+#endif
