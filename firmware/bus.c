@@ -13,6 +13,7 @@ enum {
     ID_EMCY_DEFAULT = 0x080, /* + node, until 0x1014 is written */
     ID_TORQUE = 0x181,
     ID_STATE = 0x180,   /* + node */
+    ID_WRIST = 0x194,
     ID_CONTROL = 0x200, /* + node */
     ID_SDO_ANSWER = 0x580,
     ID_SDO_REQUEST = 0x600,
@@ -47,6 +48,10 @@ enum {
 /* A drive whose state comes twice in this many periods in a row is two drives. */
 #define TWICE_ROW_MAX 3u
 
+/* The wrist comes with every second SYNC, from the drive of this axis. */
+#define WRIST_PERIODS 2u
+#define WRIST_AXIS 2u
+
 /* EMCY, heartbeats and SDO answers of one drive in one period: with an inhibit time of 10 ms on EMCY there is no reason for
  * more. Four fit beside the states before the bus is full. */
 #define OTHER_MAX 3u
@@ -54,7 +59,7 @@ enum {
 /* ------------------------------------------------------------------------------------------------- drive set-up */
 
 /* What is added to the value of a step. */
-enum { ADD_NONE, ADD_AXIS, ADD_HEARTBEAT, ADD_CONSUMER };
+enum { ADD_NONE, ADD_AXIS, ADD_HEARTBEAT, ADD_CONSUMER, ADD_TORQUE_TIMEOUT };
 
 typedef struct {
     uint16_t index;
@@ -83,6 +88,7 @@ static const sdo_step steps[] = {
     {0x1400, 1, 4, ADD_AXIS, 0, ID_CONTROL + NODE_FIRST},
     {0x1401, 1, 4, ADD_NONE, 0, INVALID | ID_TORQUE},
     {0x1401, 2, 1, ADD_NONE, 0, 1},
+    {0x1401, 5, 2, ADD_TORQUE_TIMEOUT, 0, 0},
     {0x1601, 0, 1, ADD_NONE, 0, 0},
     {0x1601, 1, 4, ADD_NONE, 1, 0},
     {0x1601, 2, 4, ADD_NONE, 2, 0},
@@ -98,8 +104,20 @@ static const sdo_step steps[] = {
     {0x1a00, 0, 1, ADD_NONE, 0, 3},
     {0x1800, 1, 4, ADD_AXIS, 0, NO_RTR | (ID_STATE + NODE_FIRST)},
     {0x6060, 0, 1, ADD_NONE, 0, MODE_CYCLIC_TORQUE},
+    /* The wrist, of the drive that reads it. */
+    {0x1801, 1, 4, ADD_NONE, 0, INVALID | NO_RTR | ID_WRIST},
+    {0x1801, 2, 1, ADD_NONE, 0, WRIST_PERIODS},
+    {0x1a01, 0, 1, ADD_NONE, 0, 0},
+    {0x1a01, 1, 4, ADD_NONE, 0, 0x21000110},
+    {0x1a01, 2, 4, ADD_NONE, 0, 0x21000210},
+    {0x1a01, 3, 4, ADD_NONE, 0, 0x21000310},
+    {0x1a01, 0, 1, ADD_NONE, 0, 3},
+    {0x1801, 1, 4, ADD_NONE, 0, NO_RTR | ID_WRIST},
 };
 #define STEP_COUNT ((uint32_t)(sizeof steps / sizeof *steps))
+#define WRIST_STEPS 8u
+
+static uint32_t step_count(uint32_t axis) { return axis == WRIST_AXIS ? STEP_COUNT : STEP_COUNT - WRIST_STEPS; }
 
 static uint32_t step_value(const cr_bus_config *config, const sdo_step *step, uint32_t axis) {
     if (step->word != 0u) {
@@ -112,6 +130,8 @@ static uint32_t step_value(const cr_bus_config *config, const sdo_step *step, ui
         return config->heartbeat_ms;
     case ADD_CONSUMER:
         return step->value | config->host_timeout_ms;
+    case ADD_TORQUE_TIMEOUT:
+        return config->torque_timeout_ms;
     default:
         return step->value;
     }
@@ -172,7 +192,7 @@ static int is_ours(uint32_t id) {
 }
 
 int cr_bus_is_of_interest(uint16_t id) {
-    return is_ours(id) || is_axis(id, ID_STATE) || is_axis(id, ID_SDO_ANSWER) || is_axis(id, ID_EMCY) ||
+    return is_ours(id) || is_axis(id, ID_STATE) || id == ID_WRIST || is_axis(id, ID_SDO_ANSWER) || is_axis(id, ID_EMCY) ||
            is_axis(id, ID_EMCY_DEFAULT) || is_axis(id, ID_HEARTBEAT);
 }
 
@@ -196,6 +216,18 @@ static void receive_state(cr_drive *drive, const cr_frame *frame, cr_servo_count
         counters->twice += drive->state_count > 0u ? 1u : 0u;
         drive->state_count++;
     }
+}
+
+static void receive_wrist(cr_wrist *wrist, const cr_frame *frame, cr_servo_counters *counters) {
+    if (frame->size != 6u) {
+        counters->malformed++;
+        return;
+    }
+    for (uint32_t i = 0; i < 3u; i++) {
+        wrist->counts[i] = to_i16(get_u16(frame->data + 2u * i));
+    }
+    counters->twice += wrist->fresh;
+    wrist->fresh = 1u;
 }
 
 static void receive_heartbeat(cr_bus *bus, uint32_t axis, const cr_frame *frame, uint64_t now_ns,
@@ -255,7 +287,7 @@ static void receive_sdo(cr_bus *bus, uint32_t axis, const cr_frame *frame, cr_se
     bus->sdo_waiting = 0u;
     bus->sdo_tries = 0u;
     bus->sdo_step++;
-    if (bus->sdo_step == STEP_COUNT) {
+    if (bus->sdo_step == step_count(bus->sdo_axis)) {
         bus->sdo_step = 0u;
         bus->sdo_axis++;
     }
@@ -270,6 +302,10 @@ void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_serv
     }
     if (is_axis(id, ID_STATE)) {
         receive_state(&bus->drive[axis], frame, counters);
+        return;
+    }
+    if (id == ID_WRIST) {
+        receive_wrist(&bus->wrist, frame, counters);
         return;
     }
     if (axis < CR_AXES && ++bus->drive[axis].other_count > OTHER_MAX) {
@@ -360,6 +396,16 @@ static void check_run(const cr_bus_config *config, cr_bus *bus, uint32_t axis, c
     }
 }
 
+/* Angles may be bridged for as many of its frames as a state may be for periods. */
+static void check_wrist(const cr_bus_config *config, cr_bus *bus, cr_servo_counters *counters) {
+    cr_wrist *wrist = &bus->wrist;
+    wrist->age = wrist->fresh ? 0u : wrist->age + 1u;
+    counters->wrist_missing += wrist->age > 0u && wrist->age % WRIST_PERIODS == 0u ? 1u : 0u;
+    if (wrist->age >= WRIST_PERIODS * (config->missing_max + 1u)) {
+        raise_axis(bus, CR_FAULT_SILENT, WRIST_AXIS);
+    }
+}
+
 static void check_heartbeats(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns) {
     for (uint32_t a = 0; a < CR_AXES; a++) {
         if (now_ns - bus->drive[a].heard_ns > config->drive_timeout_ms * MS_NS) {
@@ -377,6 +423,7 @@ static void begin_enable(cr_bus *bus, uint64_t now_ns) {
         bus->drive[a].has_state = 0u;
         bus->drive[a].heard_ns = now_ns;
     }
+    bus->wrist.age = 0u;
 }
 
 static void check_set_up(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns) {
@@ -425,6 +472,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
         for (uint32_t a = 0; a < CR_AXES; a++) {
             check_run(config, bus, a, counters);
         }
+        check_wrist(config, bus, counters);
         break;
     }
 }
@@ -435,6 +483,7 @@ void cr_bus_sync(cr_bus *bus, cr_tx *tx) {
     for (uint32_t a = 0; a < CR_AXES; a++) {
         bus->drive[a].state_count = bus->drive[a].other_count = 0u;
     }
+    bus->wrist.fresh = 0u;
     if (bus->phase != CR_PHASE_LISTEN) {
         add_frame(tx, ID_SYNC, 0u);
     }

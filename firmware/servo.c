@@ -6,7 +6,7 @@
 #define ALIGN 64u
 /* The joints rest while no count leaves this distance of where the rest began. */
 #define REST_COUNTS 3
-/* The wrist turns by hand: 200 rad/s is no hand. */
+/* The wrist turns by hand, and is told every second period: 100 rad/s is no hand. */
 #define WRIST_JUMP_RAD 0.2f
 
 _Static_assert(sizeof(cr_record) == CR_RECORD_BYTES, "the record of SPEC.md");
@@ -53,9 +53,6 @@ cr_err cr_servo_init(cr_servo **servo, void *memory, size_t size_bytes, const cr
 /* ------------------------------------------------------------------------------------------------------- inputs */
 
 void cr_servo_input(cr_servo *servo, uint32_t bits) { servo->inputs |= bits; }
-void cr_servo_wrist(cr_servo *servo, const int32_t counts[3]) {
-    memcpy(servo->wrist_counts, counts, sizeof servo->wrist_counts);
-}
 void cr_servo_rx_drops(cr_servo *servo, uint32_t total) { servo->rx_drops = total; }
 
 void cr_servo_rx(cr_servo *s, const cr_frame *frame) {
@@ -124,6 +121,34 @@ static uint32_t take_frames(cr_servo *s, uint64_t now_ns) {
 /* Counts between two samples, without overflow. */
 static float counts_between(int32_t now, int32_t before) { return abs_f((float)((int64_t)now - (int64_t)before)); }
 
+/* A mechanical stop can hold a joint against any torque. */
+static int is_at_stop(const cr_servo *s, int a) {
+    const cr_arm_config *arm = &s->config.arm;
+    float q = s->joints.joint[a], room = s->config.axis[a].jump_max;
+    float elbow = s->joints.joint[1] - s->joints.joint[2];
+    int bent = a > 0 && (elbow < arm->elbow_min_rad + room || elbow > arm->elbow_max_rad - room);
+    return bent || q < arm->joint_min[a] + room || q > arm->joint_max[a] - room;
+}
+
+/* A joint that rests under one torque and still rests, to the bit, when the torque has changed by more than friction can
+ * hold: only a stuck encoder looks like that. A hand that leans on a wall does not: nothing changes while nothing moves. */
+static uint32_t check_still(cr_servo *s, int a) {
+    cr_still *still = &s->still[a];
+    const float most = s->config.axis[a].stuck, torque = s->control.torque[a];
+    if (s->counts[a] != still->counts || !cr_mode_is_rendering(s->mode) || is_at_stop(s, a)) {
+        *still = (cr_still){s->counts[a], 0u, 0.0f, 0u};
+        return 0u;
+    }
+    still->ticks++;
+    if (still->ticks <= s->config.bus.stuck_ticks) {
+        still->torque = torque;
+        return 0u;
+    }
+    int pushed = most > 0.0f && abs_f(torque - still->torque) > most;
+    still->pushed = pushed ? still->pushed + 1u : 0u;
+    return still->pushed > s->config.bus.stuck_ticks ? (uint32_t)CR_FAULT_STUCK : 0u;
+}
+
 static uint32_t read_axis(cr_servo *s, int a) {
     const cr_axis_config *axis = &s->config.axis[a];
     const cr_drive *drive = &s->bus.drive[a];
@@ -138,17 +163,19 @@ static uint32_t read_axis(cr_servo *s, int a) {
     s->missed[a] = 0u;
     s->counts[a] = drive->counts;
     s->joints.joint[a] = axis->offset + axis->step * (float)drive->counts;
-    return s->has_counts && moved > most ? (uint32_t)CR_FAULT_JUMP : 0u;
+    return (s->has_counts && moved > most ? (uint32_t)CR_FAULT_JUMP : 0u) | check_still(s, a);
 }
 
+/* In periods without it the last angles hold. */
 static uint32_t read_wrist(cr_servo *s) {
     uint32_t faults = 0u;
-    for (int i = 0; i < 3; i++) {
-        float angle = s->config.wrist_step_rad * (float)s->wrist_counts[i];
-        int jumped = s->has_counts && abs_f(angle - s->joints.wrist_rad[i]) > WRIST_JUMP_RAD;
+    for (int i = 0; i < 3 && s->bus.wrist.fresh; i++) {
+        float angle = s->config.wrist_step_rad * (float)s->bus.wrist.counts[i];
+        int jumped = s->has_wrist && abs_f(angle - s->joints.wrist_rad[i]) > WRIST_JUMP_RAD;
         faults |= jumped ? (uint32_t)CR_FAULT_JUMP : 0u;
         s->joints.wrist_rad[i] = angle;
     }
+    s->has_wrist |= s->bus.wrist.fresh;
     return faults;
 }
 
@@ -205,7 +232,8 @@ static uint32_t find_events(cr_servo *s, uint32_t inputs, uint32_t faults) {
     uint32_t events = faults != 0u ? (uint32_t)CR_EVENT_FAULT : 0u;
     events |= s->bus.phase >= CR_PHASE_SET_UP ? (uint32_t)CR_EVENT_DRIVES_SEEN : 0u;
     events |= s->bus.phase == CR_PHASE_RUN ? (uint32_t)CR_EVENT_DRIVES_ENABLED : 0u;
-    events |= s->mode == CR_MODE_CALIBRATING && !s->stale && is_resting(s) ? (uint32_t)CR_EVENT_RESTED : 0u;
+    int sensed = s->has_wrist && !s->stale;
+    events |= s->mode == CR_MODE_CALIBRATING && sensed && is_resting(s) ? (uint32_t)CR_EVENT_RESTED : 0u;
     events |= (inputs & CR_COMMAND_START) != 0u ? (uint32_t)CR_EVENT_START : 0u;
     events |= (inputs & (CR_COMMAND_STOP | CR_COMMAND_OFF)) != 0u ? (uint32_t)CR_EVENT_STOP : 0u;
     return events;
@@ -217,7 +245,7 @@ static void restart(cr_servo *s) {
     cr_control_reset(&s->control);
     cr_world_clear_fault(s->world);
     s->faults = s->first_fault = 0u;
-    s->has_counts = s->rest_ticks = 0u;
+    s->has_counts = s->has_wrist = s->rest_ticks = 0u;
     memset(s->missed, 0, sizeof s->missed);
     s->mode = CR_MODE_INIT;
 }
@@ -287,7 +315,6 @@ static void record_inputs(cr_servo *s, uint32_t inputs, uint64_t now_ns, float p
     r->rx_drops = s->rx_drops;
     r->rx_babbled = s->rx_babbled;
     r->frame_count = s->frame_count;
-    memcpy(r->wrist_counts, s->wrist_counts, sizeof r->wrist_counts);
     memcpy(r->frames, s->frames, s->frame_count * sizeof *r->frames);
 }
 
@@ -304,7 +331,9 @@ static void record_outputs(cr_servo *s, const cr_control_output *out, const int1
         r->target[a] = target[a];
         r->torque[a] = out->torque[a];
         r->fresh |= (uint16_t)(drive->state_count > 0u ? 1u << a : 0u);
+        r->wrist_counts[a] = s->bus.wrist.counts[a];
     }
+    r->fresh |= (uint16_t)(s->bus.wrist.fresh << CR_AXES);
     r->joints = s->joints;
     r->world_from_tool = s->kinematics.world_from_tool;
     r->velocity_world_m_s = out->velocity_m_s;
@@ -330,7 +359,7 @@ static uint32_t sense_and_touch(cr_servo *s, uint32_t faults, float period_s) {
         return faults;
     }
     faults |= sense(s);
-    if (faults == 0u && !s->stale && s->has_counts) {
+    if (faults == 0u && !s->stale && s->has_counts && s->has_wrist) {
         faults |= touch(s, period_s);
     }
     return faults;
@@ -414,7 +443,8 @@ const char *cr_limit_text(uint32_t bit) {
 const char *cr_servo_fault_text(uint32_t bit) {
     static const char *const names[CR_FAULT_COUNT] = {"silent",    "heartbeat", "reset",  "drive",      "drive-state",
                                                       "emcy",      "jump",      "range",  "not-finite", "overrun",
-                                                      "bad-state", "alien",     "babble", "bus-off",    "sdo"};
+                                                      "bad-state", "alien",     "babble", "bus-off",    "sdo",
+                                                      "stuck"};
     return bit_text(bit, names, CR_FAULT_COUNT);
 }
 
@@ -438,7 +468,6 @@ static void feed(cr_servo *s, const cr_record *r) {
     }
     s->rx_babbled = r->rx_babbled;
     cr_servo_rx_drops(s, r->rx_drops);
-    cr_servo_wrist(s, r->wrist_counts);
     cr_servo_input(s, r->inputs);
     cr_servo_tick(s, r->now_ns, r->period_s, &tx);
 }

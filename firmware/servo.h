@@ -21,8 +21,8 @@ extern "C" {
 
 #define CR_AXES 3
 
-/* Frames of interest taken in one period. The drives send at most 10 (3 states, 3 heartbeats, 3 EMCY, 1 SDO answer): more
- * is a babbling node. The record of a tick holds them all, hence no more. */
+/* Frames of interest taken in one period. The drives send at most 11 (3 states, wrist, 3 heartbeats, 3 EMCY, 1 SDO answer):
+ * more is a babbling node. The record of a tick holds them all, hence no more. */
 #define CR_RX_MAX 12
 /* Frames one call may ask to send: torque, 3 control words, NMT, SDO, heartbeat. */
 #define CR_TX_MAX 8
@@ -52,6 +52,7 @@ typedef struct {
     float gravity;        /* joint torque that holds the link when level, times cos(joint); for the guide: constant */
     float coulomb;        /* joint torque of dry friction */
     float friction_speed; /* joint units per s at which half of the friction is compensated */
+    float stuck;          /* joint torque: a swing of more than this moves the joint, or its encoder is stuck; 0: not watched */
 } cr_axis_config;
 
 typedef struct {
@@ -77,6 +78,8 @@ typedef struct {
     uint32_t enable_timeout_ms; /* from the last SDO to OPERATION ENABLED */
     uint32_t listen_ms;         /* silence at start: nobody else may speak for the host */
     uint32_t rest_ticks;        /* calibrating ends after so many periods with the joints at rest */
+    uint32_t torque_timeout_ms; /* a drive without torque frames goes to zero torque after this (0x1401:5); 0: does not */
+    uint32_t stuck_ticks;       /* how long a joint has to rest, then to be pushed in vain, before its encoder is stuck */
 } cr_bus_config;
 
 typedef struct {
@@ -185,7 +188,7 @@ enum {
 #define CR_LIMIT_COUNT 8
 
 enum {
-    CR_FAULT_SILENT = 1u,       /* a drive's state is missing for longer than missing_max */
+    CR_FAULT_SILENT = 1u,       /* a drive's state, or the wrist, is missing for longer than missing_max */
     CR_FAULT_HEARTBEAT = 2u,    /* a drive's heartbeat is overdue */
     CR_FAULT_RESET = 4u,        /* a drive booted or left NMT operational */
     CR_FAULT_DRIVE = 8u,        /* a drive's status word says fault */
@@ -199,9 +202,10 @@ enum {
     CR_FAULT_ALIEN = 2048u,     /* somebody else speaks with the host's or twice with a drive's identifiers */
     CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period, or more than a drive has reason for */
     CR_FAULT_BUS_OFF = 8192u,   /* the bus cannot be reached */
-    CR_FAULT_SDO = 16384u       /* a drive refused its set-up, or did not answer */
+    CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
+    CR_FAULT_STUCK = 32768u     /* an encoder did not move, to the bit, while the torque on its joint swung beyond friction */
 };
-#define CR_FAULT_COUNT 15
+#define CR_FAULT_COUNT 16
 
 /* Purpose  lower-case name of a mode, of one limit bit, of one fault bit.   Output  static text, never null. */
 const char *cr_mode_text(uint32_t mode);
@@ -224,6 +228,7 @@ typedef struct {
     uint32_t overruns;
     uint32_t send_failed;
     uint32_t rx_drops; /* frames the operating system lost, as the port reports them */
+    uint32_t wrist_missing; /* wrist frames that did not come */
 } cr_servo_counters;
 
 /* ------------------------------------------------------------------------------------------------------ record */
@@ -237,16 +242,16 @@ typedef struct {
     float period_s;
     uint32_t rx_drops;
     uint32_t rx_babbled;
-    int32_t wrist_counts[3];
     uint32_t frame_count;
     cr_frame frames[CR_RX_MAX];
     /* outputs */
     uint32_t mode, faults, limits;
     int32_t counts[CR_AXES];
+    int32_t wrist_counts[3];
     uint16_t status[CR_AXES];
     int16_t target[CR_AXES]; /* per mille of rated, as sent */
     int16_t actual[CR_AXES]; /* per mille of rated, as the drive told */
-    uint16_t fresh;          /* bit a: axis a answered this period's SYNC */
+    uint16_t fresh;          /* bit a: axis a answered this period's SYNC; bit 3: the wrist came */
     cr_joints joints;
     cr_pose world_from_tool;
     cr_vec3 velocity_world_m_s; /* of the tip */
@@ -257,7 +262,7 @@ typedef struct {
     float depth_m, margin;
     uint32_t area_count, zone_count;
     cr_servo_counters counters;
-    uint32_t spare[8]; /* 0 */
+    uint32_t spare[7]; /* 0 */
     /* of the port, not of the servo: not compared by a re-run */
     uint32_t wake_late_ns; /* start of the period after its time */
     uint32_t tick_ns;      /* cost of the tick */
@@ -270,7 +275,7 @@ typedef struct {
     uint32_t version, record_bytes, config_bytes, records_at;
     uint32_t scene_crc32, scene_bytes;
 } cr_record_head;
-#define CR_RECORD_VERSION 1u
+#define CR_RECORD_VERSION 2u
 #define CR_RECORDS_AT 1024u
 
 /* Purpose  first bytes of a recording file.   Shapes  out[CR_RECORDS_AT], all written. */
@@ -330,8 +335,6 @@ void cr_servo_tick(cr_servo *servo, uint64_t now_ns, float period_s, cr_tx *tx);
 
 /* Purpose  CR_COMMAND_* and CR_INPUT_* bits for the next tick. START counts in idle only, CLEAR in fault only. */
 void cr_servo_input(cr_servo *servo, uint32_t bits);
-/* Purpose  the wrist encoders, which are wired to the controller and not on the bus: values of the next ticks. */
-void cr_servo_wrist(cr_servo *servo, const int32_t counts[3]);
 /* Purpose  what the operating system says it lost, in total: for the record. */
 void cr_servo_rx_drops(cr_servo *servo, uint32_t total);
 

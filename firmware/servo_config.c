@@ -29,15 +29,16 @@ static cr_arm_config default_arm(void) {
 }
 
 cr_servo_config cr_servo_config_default(void) {
-    cr_axis_config guide = {60e-6f, 0.0f, 10.0f, 20.0f, TIP_JUMP_M, 0.0f, 1.0f, 0.02f};
+    cr_axis_config guide = {60e-6f, 0.0f, 10.0f, 20.0f, TIP_JUMP_M, 0.0f, 1.0f, 0.02f, 4.0f};
     cr_axis_config link = {TIP_STEP_M / LINK_M, 0.0f,          8.0f * LINK_M, 20.0f * LINK_M,
-                           TIP_JUMP_M / LINK_M, 0.2f * LINK_M, 0.4f * LINK_M, 0.02f / LINK_M};
+                           TIP_JUMP_M / LINK_M, 0.2f * LINK_M, 0.4f * LINK_M, 0.02f / LINK_M,
+                           2.0f * LINK_M};
     cr_servo_config c = {
         default_arm(),
         {guide, link, link},
         0.05f * DEG_F,
         {0.0f, 0.0f, 0.5f, 20.0f, 4000.0f, 20.0f, 1.0f, 30.0f, 0.2f, 16u},
-        {100u, 150u, 250u, 2u, 100u, 1000u, 50u, 50u},
+        {100u, 150u, 250u, 2u, 100u, 1000u, 50u, 50u, 3u, 50u},
         cr_config_default(),
         1e-3f,
         1.8e-3f,
@@ -93,6 +94,9 @@ static const char *axis_error(const cr_axis_config *axis, float period_s) {
         !in(axis->friction_speed, 1e-6f, 100.0f)) {
         return "gravity, coulomb: up to torque_max; friction_speed: above 0";
     }
+    if (axis->stuck != 0.0f && !in(axis->stuck, 2.0f * axis->coulomb, 64.0f * axis->rated)) {
+        return "stuck: 0, or from twice coulomb to 64 times rated";
+    }
     return NULL;
 }
 
@@ -133,6 +137,9 @@ static const char *bus_error(const cr_bus_config *b) {
     }
     if (b->listen_ms > 10000u || b->rest_ticks > 100000u) {
         return "listen_ms: 0..10000; rest_ticks: 0..100000";
+    }
+    if (b->torque_timeout_ms > 1000u || b->stuck_ticks < 1u || b->stuck_ticks > 10000u) {
+        return "torque_timeout_ms: 0..1000; stuck_ticks: 1..10000";
     }
     return NULL;
 }

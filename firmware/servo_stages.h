@@ -122,9 +122,17 @@ typedef struct {
     uint8_t send_control; /* 1: control word is due */
 } cr_drive;
 
+/* The three sensed angles, which one drive reads and sends with every second SYNC. */
+typedef struct {
+    int32_t counts[3];
+    uint32_t fresh; /* 1: came in this period */
+    uint32_t age;   /* periods since it came */
+} cr_wrist;
+
 typedef struct {
     uint32_t phase;
     cr_drive drive[CR_AXES];
+    cr_wrist wrist;
     uint64_t start_ns, reset_ns, sdo_ns, enable_ns, beat_ns, control_ns;
     uint32_t has_start;
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;
@@ -161,6 +169,14 @@ int16_t cr_per_mille(float torque, float rated, float limit);
 
 /* ------------------------------------------------------------------------------------------------------ servo */
 
+/* What a joint that does not move has been through. */
+typedef struct {
+    int32_t counts;  /* that it has kept */
+    uint32_t ticks;  /* samples since they came */
+    float torque;    /* on it when it had rested for stuck_ticks */
+    uint32_t pushed; /* samples in a row with a torque that differs from that by more than `stuck` */
+} cr_still;
+
 struct cr_servo {
     cr_servo_config config;
     cr_world *world;
@@ -175,8 +191,9 @@ struct cr_servo {
     uint32_t mode, faults, first_fault;
     uint32_t inputs, rx_drops, rx_babbled, frame_count;
     cr_frame frames[CR_RX_MAX];
-    int32_t wrist_counts[3], counts[CR_AXES], rest_counts[CR_AXES];
-    uint32_t has_counts, rest_ticks, stale;
+    int32_t counts[CR_AXES], rest_counts[CR_AXES];
+    uint32_t has_counts, has_wrist, rest_ticks, stale;
+    cr_still still[CR_AXES];
     uint32_t missed[CR_AXES]; /* periods since the last sample */
     cr_output output;
 };

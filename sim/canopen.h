@@ -6,7 +6,7 @@
 #include "sim.h"
 
 /* Entries of the object dictionary; dictionary.h must have as many. */
-#define CR_OD_ENTRIES 94
+#define CR_OD_ENTRIES 98
 #define CR_OUTBOX_MAX 64
 #define CR_EMCY_MAX 8
 #define CR_PDOS 2

@@ -10,6 +10,8 @@
 static const uint8_t cr_od_nodes[CR_SIM_AXES] = {0x11, 0x12, 0x13};
 static const double cr_od_steps[CR_SIM_AXES] = {6e-05, 8.888888888888889e-05, 8.888888888888889e-05};
 static const double cr_od_rated[CR_SIM_AXES] = {10.0, 3.6, 3.6};
+/* The axis whose drive reads the wrist. */
+#define CR_OD_WRIST_AXIS 2u
 
 /* index, sub-index, bits, flags, {value at power-on per axis}, least and greatest value for SDO. */
 static const cr_od_entry cr_od_entries[CR_OD_ENTRIES] = {
@@ -92,6 +94,10 @@ static const cr_od_entry cr_od_entries[CR_OD_ENTRIES] = {
     {0x1a01, 6, 32, CR_OD_READ | CR_OD_WRITE, {0x0u, 0x0u, 0x0u}, 0, 4294967295},
     {0x1a01, 7, 32, CR_OD_READ | CR_OD_WRITE, {0x0u, 0x0u, 0x0u}, 0, 4294967295},
     {0x1a01, 8, 32, CR_OD_READ | CR_OD_WRITE, {0x0u, 0x0u, 0x0u}, 0, 4294967295},
+    {0x2100, 0, 8, CR_OD_READ, {0x3u, 0x3u, 0x3u}, 0, 255},
+    {0x2100, 1, 16, CR_OD_READ | CR_OD_TPDO | CR_OD_SIGNED, {0x0u, 0x0u, 0x0u}, -32768, 32767},
+    {0x2100, 2, 16, CR_OD_READ | CR_OD_TPDO | CR_OD_SIGNED, {0x0u, 0x0u, 0x0u}, -32768, 32767},
+    {0x2100, 3, 16, CR_OD_READ | CR_OD_TPDO | CR_OD_SIGNED, {0x0u, 0x0u, 0x0u}, -32768, 32767},
     {0x6007, 0, 16, CR_OD_READ | CR_OD_SIGNED, {0x1u, 0x1u, 0x1u}, -32768, 32767},
     {0x603f, 0, 16, CR_OD_READ | CR_OD_TPDO, {0x0u, 0x0u, 0x0u}, 0, 65535},
     {0x6040, 0, 16, CR_OD_READ | CR_OD_WRITE | CR_OD_RPDO, {0x0u, 0x0u, 0x0u}, 0, 65535},

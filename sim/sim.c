@@ -175,6 +175,11 @@ static int32_t encoder(cr_sim *sim, uint32_t axis, int32_t counts) {
 
 static void sync_drive(cr_sim *sim, uint32_t axis, const cr_sim_state *state, uint64_t now_us) {
     const double permille = 1e3 * state->joint_torque[axis] / cr_od_rated[axis];
+    for (uint32_t i = 0; i < 3u && axis == CR_OD_WRIST_AXIS; i++) {
+        const int32_t counts = state->wrist_counts[i];
+        const int32_t sent = counts > INT16_MAX ? INT16_MAX : counts < INT16_MIN ? INT16_MIN : counts;
+        cr_node_set(&sim->drives[axis].node, 0x2100, (uint8_t)(i + 1u), (uint32_t)sent);
+    }
     cr_drive_sync(&sim->drives[axis], encoder(sim, axis, state->counts[axis]), permille, sim->period_s, now_us);
 }
 

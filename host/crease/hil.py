@@ -170,7 +170,6 @@ class InProcess:
         self._to_drives(self.now_ns)
         self._to_servo(self.now_ns)
         state = self.drives.state
-        lib.cr_servo_wrist(self.servo.c, state.wrist_counts.tolist())
         tick_ns = self.now_ns + TICK_AFTER_SYNC_NS
         lib.cr_servo_tick(self.servo.c, tick_ns, self.config.period_s, self._tx)
         self._to_drives(tick_ns)
@@ -262,27 +261,19 @@ def run_socketcan(
 ) -> LoopResult:
     """The same over a SocketCAN interface: `creased` and `crease sim` as two programs.
 
-    The wrist is not on the bus, so the path must not turn the tool.
     Errors: LoopError with what either program said.   Cost: the length of the path and about 3 s.
     """
     import sys
 
     config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
     targets = hand_targets(resample(path), config)
-    if np.abs(targets[:, 3:] - targets[0, 3:]).max() > 1e-3:
-        raise LoopError(
-            f"{path.source}: turns the tool, and the wrist's angles are not on the bus; use -i inprocess"
-        )
     lead = lead_in(targets, np.array([0.0, np.sqrt(2.0) * 0.45, 0.0]))
-    lead[:, 3:] = targets[0, 3:]
     seconds = (len(lead) + len(targets)) * 1e-3
     with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
         operator, device = Path(folder) / "operator.csv", Path(folder) / "device.toml"
         write_targets(operator, np.concatenate([lead, targets]))
-        wrist = ", ".join(f"{angle:.6f}" for angle in np.degrees(targets[0, 3:]))
         device.write_text(
-            f'[bus]\ninterface = "{channel}"\n[wrist]\nfixed_deg = [{wrist}]\n'
-            f"[contact]\nstiffness_N_m = {stiffness_N_m!r}\n",
+            f'[bus]\ninterface = "{channel}"\n[contact]\nstiffness_N_m = {stiffness_N_m!r}\n',
             encoding="ascii",
         )
         sim = subprocess.Popen(

@@ -109,10 +109,10 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "crease.dbc", "crease_x.eds", "crease_y.eds", "crease_z.eds",
     ]  # fmt: skip
-    assert "805" in crease("bus", "--schedule").out
+    assert "920" in crease("bus", "--schedule").out
     report = json.loads(crease("bus", "--schedule", "--json").out)
     assert report["compute_budget_us"] == 425.0
-    assert [row["feasible"] for row in report["layouts"]] == [True, False, False]
+    assert [row["feasible"] for row in report["layouts"]] == [True, False, False, True]
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,15 @@ def test_cantools_decodes_every_frame_as_the_monitor_does(generated: Path) -> No
             assert theirs[their_key] == pytest.approx(ours[our_key], abs=1e-9)
 
 
+def test_cantools_decodes_the_wrist_in_degrees_as_the_monitor_does(generated: Path) -> None:
+    data = (3600).to_bytes(2, "little") + (-1).to_bytes(2, "little", signed=True) + b"\x02\x00"
+    theirs = load_dbc(generated).decode_message(0x194, data)
+    assert theirs == pytest.approx({"yaw": 180.0, "pitch": -0.05, "roll": 0.1})
+    said, ours = Decoder(load()).decode(0x194, data)
+    assert said == "WRIST"
+    assert ours == pytest.approx({"yaw deg": 180.0, "pitch deg": -0.05, "roll deg": 0.1})
+
+
 def test_dbc_covers_every_cyclic_and_event_frame_of_the_timing_model(generated: Path) -> None:
     database = load_dbc(generated)
     known = {message.frame_id: message.length for message in database.messages}

@@ -8,7 +8,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cantools
 import numpy as np
+import pytest
+from crease.bus.dbc import to_dbc
+from crease.bus.dictionary import load
+from crease.bus.transport import open_bus
 from crease.native import lib
 from crease.recording import load_recording, rerun
 from crease.scene import open_scene
@@ -74,6 +79,43 @@ def test_bus_without_drives_is_told(scene: Path) -> None:
     said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert said.returncode == 3
     assert "no answer from drive X (node 0x11) Y (node 0x12) Z (node 0x13)" in said.stderr
+
+
+def test_hil_over_the_bus_turns_the_tool_as_the_path_does(scene: Path, tmp_path: Path) -> None:
+    """The wrist's angles go over the bus: cantools reads them off it, and the firmware's pose follows."""
+    path, record, dbc = tmp_path / "turn.csv", tmp_path / "turn.crr", tmp_path / "crease.dbc"
+    yaw = np.radians(np.r_[np.linspace(0.0, 50.0, 800), np.full(200, 50.0)])
+    zero = np.zeros(1000)
+    columns = [np.arange(1000) * 1e-3, zero, zero, zero + 0.02, np.cos(yaw / 2), zero, zero]
+    rows = np.column_stack([*columns, np.sin(yaw / 2)])
+    head = "t_s,x_m,y_m,z_m,qw,qx,qy,qz"
+    np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.9g")
+    dbc.write_text(to_dbc(load()), encoding="ascii")
+    wrist = cantools.database.load_file(dbc).get_message_by_name("WRIST")
+    words = [sys.executable, "-m", "crease", "hil", scene, "--operator", path, "-i", "socketcan"]
+    command = [str(word) for word in (*words, "-c", CHANNEL, "-o", record, "--json")]
+    heard = []
+    with (
+        open_bus("socketcan", CHANNEL) as bus,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as hil,
+    ):
+        while hil.poll() is None:
+            if (message := bus.recv(timeout=0.5)) is not None:
+                heard.append(message)
+        out, err = hil.communicate()
+        assert hil.returncode == 0, err
+    angles = [wrist.decode(m.data)["yaw"] for m in heard if m.arbitration_id == wrist.frame_id]
+    assert json.loads(out)["faults"] == []
+    assert max(angles) == pytest.approx(50.0, abs=0.051)
+    states = [m for m in heard if m.arbitration_id == 0x193]
+    assert len(angles) == pytest.approx(len(states) / 2, abs=1)
+    told = load_recording(record).rows
+    attitude = np.degrees(2 * np.arctan2(told["quaternion"][:, 3], told["quaternion"][:, 0]))
+    assert attitude.max() == pytest.approx(50.0, abs=0.051)
+    # The hand turns at 62.5 deg/s; two periods behind it is 0.125 deg, and one count 0.05 deg.
+    start = int(np.flatnonzero(attitude > 1.0)[0])
+    want = np.degrees(np.interp(np.arange(600), np.arange(1000), yaw)) + attitude[start]
+    assert np.abs(attitude[start : start + 600] - want).max() < 0.25
 
 
 def test_hil_over_the_bus_records_and_runs_again(scene: Path, tmp_path: Path) -> None:

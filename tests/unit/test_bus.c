@@ -81,6 +81,8 @@ static void send_states(rig *r, uint16_t status) {
     }
 }
 
+static void send_wrist(rig *r) { RECEIVE(r, 0x194, 0x01, 0x00, 0xfe, 0xff, 0x10, 0x0e); }
+
 /* Answers every SDO; collects what was written. Stops when the phase ends or after `most` requests. */
 static uint32_t answer_all(rig *r, cr_frame *requests, uint32_t most) {
     uint32_t count = 0u;
@@ -106,6 +108,7 @@ static void run_all(rig *r) {
     assert_int_equal(r->bus.phase, CR_PHASE_ENABLE);
     for (int k = 0; k < 3; k++) {
         send_states(r, 0x0627);
+        send_wrist(r);
         period(r);
     }
     assert_int_equal(r->bus.phase, CR_PHASE_RUN);
@@ -140,6 +143,40 @@ static void state_frame_is_position_torque_status(void **state) {
     RECEIVE(&r, 0x193, 0xff, 0xff, 0xff, 0x7f, 0xff, 0x7f, 0xff, 0xff);
     assert_int_equal(r.bus.drive[2].counts, INT32_MAX);
     assert_true(r.bus.drive[2].actual == 32767 && r.bus.drive[2].status == 0xffff);
+}
+
+static void wrist_frame_is_three_angles(void **state) {
+    (void)state;
+    rig r = make_rig();
+    RECEIVE(&r, 0x194, 0x01, 0x00, 0xfe, 0xff, 0x10, 0x0e);
+    assert_true(r.bus.wrist.counts[0] == 1 && r.bus.wrist.counts[1] == -2 && r.bus.wrist.counts[2] == 3600);
+    RECEIVE(&r, 0x194, 0x00, 0x80, 0xff, 0x7f, 0, 0);
+    assert_true(r.bus.wrist.counts[0] == INT16_MIN && r.bus.wrist.counts[1] == INT16_MAX);
+    RECEIVE(&r, 0x194, 0x05, 0x00, 0x05, 0x00, 0x05);
+    assert_true(r.bus.wrist.counts[0] == INT16_MIN && r.counters.malformed == 1u);
+}
+
+static void wrist_is_bridged_and_then_a_fault(void **state) {
+    (void)state;
+    rig r = make_rig();
+    run_all(&r);
+    for (int k = 0; k < 100; k++) { /* every second period is what is asked for */
+        send_states(&r, 0x0627);
+        if (k % 2 == 1) {
+            send_wrist(&r);
+        }
+        period(&r);
+        assert_true(r.faults == 0u && r.counters.wrist_missing == 0u);
+    }
+    for (uint32_t k = 0; k < 2u * r.config.missing_max + 1u; k++) {
+        send_states(&r, 0x0627);
+        period(&r);
+        assert_int_equal(r.faults, 0);
+    }
+    send_states(&r, 0x0627);
+    period(&r);
+    assert_int_equal(r.faults, CR_FAULT_SILENT);
+    assert_true(r.counters.wrist_missing == r.config.missing_max + 1u && r.bus.trouble_axis == 2u);
 }
 
 static void per_mille_rounds_and_saturates(void **state) {
@@ -231,6 +268,7 @@ static void set_up_writes_what_the_frame_table_says(void **state) {
         {0x23, 0x00, 0x14, 0x01, 0x12, 0x02, 0x00, 0x00}, /* 0x212 */
         {0x23, 0x01, 0x14, 0x01, 0x81, 0x01, 0x00, 0x80}, /* RPDO2 off */
         {0x2f, 0x01, 0x14, 0x02, 0x01, 0x00, 0x00, 0x00}, /* every SYNC */
+        {0x2b, 0x01, 0x14, 0x05, 0x03, 0x00, 0x00, 0x00}, /* missed after 3 ms */
         {0x2f, 0x01, 0x16, 0x00, 0x00, 0x00, 0x00, 0x00},
         {0x23, 0x01, 0x16, 0x01, 0x10, 0x00, 0x03, 0x00}, /* dummy: X's word */
         {0x23, 0x01, 0x16, 0x02, 0x10, 0x00, 0x71, 0x60}, /* target torque */
@@ -247,16 +285,31 @@ static void set_up_writes_what_the_frame_table_says(void **state) {
         {0x23, 0x00, 0x18, 0x01, 0x92, 0x01, 0x00, 0x40}, /* 0x192 */
         {0x2f, 0x60, 0x60, 0x00, 0x0a, 0x00, 0x00, 0x00}, /* cyclic synchronous torque */
     };
-    const uint32_t steps = (uint32_t)(sizeof want / sizeof *want);
+    static const uint8_t wrist[][8] = {
+        /* drive Z, node 0x13, besides */
+        {0x23, 0x01, 0x18, 0x01, 0x94, 0x01, 0x00, 0xc0}, /* TPDO2 off, no RTR */
+        {0x2f, 0x01, 0x18, 0x02, 0x02, 0x00, 0x00, 0x00}, /* every second SYNC */
+        {0x2f, 0x01, 0x1a, 0x00, 0x00, 0x00, 0x00, 0x00},
+        {0x23, 0x01, 0x1a, 0x01, 0x10, 0x01, 0x00, 0x21}, /* yaw */
+        {0x23, 0x01, 0x1a, 0x02, 0x10, 0x02, 0x00, 0x21}, /* pitch */
+        {0x23, 0x01, 0x1a, 0x03, 0x10, 0x03, 0x00, 0x21}, /* roll */
+        {0x2f, 0x01, 0x1a, 0x00, 0x03, 0x00, 0x00, 0x00},
+        {0x23, 0x01, 0x18, 0x01, 0x94, 0x01, 0x00, 0x40}, /* 0x194 */
+    };
+    const uint32_t steps = (uint32_t)(sizeof want / sizeof *want), more = (uint32_t)(sizeof wrist / sizeof *wrist);
     rig r = make_rig();
     boot_all(&r);
-    assert_int_equal(answer_all(&r, got, 200u), 3u * steps);
+    assert_int_equal(answer_all(&r, got, 200u), 3u * steps + more);
+    for (uint32_t i = 0; i < more; i++) {
+        assert_int_equal(got[3u * steps + i].id, 0x613);
+        assert_memory_equal(got[3u * steps + i].data, wrist[i], 8);
+    }
     for (uint32_t i = 0; i < steps; i++) {
         assert_int_equal(got[steps + i].id, 0x612);
         assert_memory_equal(got[steps + i].data, want[i], 8);
     }
     assert_true(got[0].id == 0x611 && got[2u * steps].id == 0x613);
-    assert_memory_equal(got[15].data, ((uint8_t[]){0x23, 0x01, 0x16, 0x01, 0x10, 0x00, 0x71, 0x60}), 8); /* X: word 1 */
+    assert_memory_equal(got[16].data, ((uint8_t[]){0x23, 0x01, 0x16, 0x01, 0x10, 0x00, 0x71, 0x60}), 8); /* X: word 1 */
     assert_int_equal(r.faults, 0);
 }
 
@@ -393,6 +446,7 @@ static void heartbeat_goes_out_every_100_ms_after_the_torque(void **state) {
             RECEIVE(&r, 0x713, 0x05);
         }
         send_states(&r, 0x0627);
+        send_wrist(&r);
         period(&r);
         assert_int_equal(r.tx.frames[0].id, 0x181);
         beats += IS_SENT(&r, 0x701, 0x05) ? 1u : 0u;
@@ -408,6 +462,7 @@ static void drive_without_heartbeat_is_a_fault(void **state) {
     uint32_t k = 0u;
     for (; k < 1000u && r.faults == 0u; k++) {
         send_states(&r, 0x0627);
+        send_wrist(&r);
         period(&r);
     }
     assert_int_equal(r.faults, CR_FAULT_HEARTBEAT);
@@ -551,7 +606,7 @@ static void off_sends_zero_control_words_once(void **state) {
 /* Any bytes under any identifier: nothing but counters, faults and states changes, and no frame is malformed on the way out. */
 static void noise_never_breaks_the_manager(void **state) {
     (void)state;
-    static const uint16_t ids[] = {0x000, 0x080, 0x181, 0x191, 0x192, 0x193, 0x211, 0x591, 0x592,
+    static const uint16_t ids[] = {0x000, 0x080, 0x181, 0x191, 0x192, 0x193, 0x194, 0x211, 0x591, 0x592,
                                    0x593, 0x611, 0x691, 0x092, 0x701, 0x711, 0x712, 0x713, 0x7ff};
     uint32_t seed = 7u;
     rig r = make_rig();
@@ -582,6 +637,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(torque_frame_is_three_little_endian_words),
         cmocka_unit_test(state_frame_is_position_torque_status),
+        cmocka_unit_test(wrist_frame_is_three_angles),
+        cmocka_unit_test(wrist_is_bridged_and_then_a_fault),
         cmocka_unit_test(per_mille_rounds_and_saturates),
         cmocka_unit_test(host_listens_before_it_speaks),
         cmocka_unit_test(reset_is_repeated_while_a_drive_is_missing),

@@ -144,9 +144,9 @@ static void record_layout_is_the_documented_one(void **state) {
     (void)state;
     assert_int_equal(sizeof(cr_record), 512);
     assert_int_equal(offsetof(cr_record, sync_ns), 8);
-    assert_int_equal(offsetof(cr_record, frames), 52);
-    assert_int_equal(offsetof(cr_record, mode), 196);
-    assert_int_equal(offsetof(cr_record, counts), 208);
+    assert_int_equal(offsetof(cr_record, frames), 40);
+    assert_int_equal(offsetof(cr_record, mode), 184);
+    assert_int_equal(offsetof(cr_record, counts), 196);
     assert_int_equal(offsetof(cr_record, target), 226);
     assert_int_equal(offsetof(cr_record, joints), 240);
     assert_int_equal(offsetof(cr_record, world_from_tool), 264);

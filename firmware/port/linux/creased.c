@@ -47,7 +47,6 @@ typedef struct {
     FILE *record;
     pthread_t writer;
     atomic_uint commands; /* CR_COMMAND_* from the text side */
-    atomic_int wrist_counts[3];
     atomic_int done, quit, write_failed;
     uint64_t ticks, skipped, late_max_ns;
     uint32_t final_mode, final_faults, final_seen; /* for the last lines */
@@ -88,21 +87,7 @@ static void tell(const cr_record *r, uint32_t *last_mode, uint32_t *last_faults)
     *last_faults = r->faults;
 }
 
-/* Three angles in degrees, at most a turn each. */
-static int read_angles(const char *text, double deg[3]) {
-    for (int i = 0; i < 3; i++) {
-        char *end;
-        deg[i] = strtod(text, &end);
-        if (end == text || !(deg[i] >= -360.0 && deg[i] <= 360.0)) {
-            return 0;
-        }
-        text = end;
-    }
-    return *text == '\0';
-}
-
 static void obey(daemon_state *d, char *line) {
-    double deg[3];
     line[strcspn(line, "\r\n")] = '\0';
     if (strcmp(line, "start") == 0) {
         atomic_fetch_or(&d->commands, CR_COMMAND_START);
@@ -112,13 +97,8 @@ static void obey(daemon_state *d, char *line) {
         atomic_fetch_or(&d->commands, CR_COMMAND_CLEAR);
     } else if (strcmp(line, "quit") == 0) {
         atomic_store(&d->quit, 1);
-    } else if (strncmp(line, "wrist ", 6) == 0 && read_angles(line + 6, deg)) {
-        for (int i = 0; i < 3; i++) {
-            atomic_store(&d->wrist_counts[i],
-                         (int)(deg[i] * 0.017453292519943295 / (double)d->device.servo.wrist_step_rad));
-        }
     } else if (line[0] != '\0') {
-        fprintf(stderr, "'%s' is no command; start, stop, clear, quit, wrist YAW PITCH ROLL (degrees)\n", line);
+        fprintf(stderr, "'%s' is no command; start, stop, clear, quit\n", line);
     }
 }
 
@@ -217,11 +197,6 @@ static void collect(daemon_state *d, uint64_t until_ns) {
 }
 
 static void take_commands(daemon_state *d, uint32_t more) {
-    int32_t wrist[3];
-    for (int i = 0; i < 3; i++) {
-        wrist[i] = atomic_load(&d->wrist_counts[i]);
-    }
-    cr_servo_wrist(d->servo, wrist);
     cr_servo_input(d->servo, atomic_exchange(&d->commands, 0u) | more);
 }
 
@@ -291,7 +266,7 @@ static int usage(void) {
     fprintf(stderr,
             "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"
             "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"
-            "commands on standard input: start, stop, clear, quit, wrist YAW PITCH ROLL (degrees)\n");
+            "commands on standard input: start, stop, clear, quit\n");
     return EXIT_USAGE;
 }
 
@@ -421,10 +396,6 @@ static int set_up(daemon_state *d, int argc, char **argv) {
     status = status != 0 ? status : make_servo(d);
     if (status != 0) {
         return status;
-    }
-    for (int i = 0; i < 3; i++) {
-        float counts = d->device.wrist_deg[i] * 0.0174532925f / d->device.servo.wrist_step_rad;
-        atomic_init(&d->wrist_counts[i], (int)counts);
     }
     const char *interface = d->opt.interface != NULL ? d->opt.interface : d->device.interface;
     if (can_open(&d->port, interface, d->device.bitrate, text) != 0) {

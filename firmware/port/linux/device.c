@@ -30,7 +30,8 @@ typedef struct {
         {name, "max_" unit, FLOATS, 1, AT(servo.arm.joint_max[i]), turn, low, high},                                   \
         {name, "rated_" torque, FLOATS, 1, AT(servo.axis[i].rated), 1.0, 1e-3, 1e4},                                   \
         {name, "peak_" torque, FLOATS, 1, AT(servo.axis[i].torque_max), 1.0, 1e-3, 1e4},                               \
-        {name, "gravity_" torque, FLOATS, 1, AT(servo.axis[i].gravity), 1.0, -1e4, 1e4}, {                             \
+        {name, "gravity_" torque, FLOATS, 1, AT(servo.axis[i].gravity), 1.0, -1e4, 1e4},                               \
+        {name, "stuck_" torque, FLOATS, 1, AT(servo.axis[i].stuck), 1.0, 0.0, 1e4}, {                             \
         name, "coulomb_" torque, FLOATS, 1, AT(servo.axis[i].coulomb), 1.0, 0.0, 1e4                                   \
     }
 #define JOINT(name, unit, i)                                                                                           \
@@ -54,6 +55,8 @@ static const entry entries[] = {
     {"loop", "overrun_us", FLOATS, 1, AT(servo.overrun_s), 1e-6, 816.0, 200000.0},
     {"loop", "deadline_us", WHOLE, 1, AT(deadline_us), 1.0, 100.0, 100000.0},
     {"loop", "priority", WHOLE, 1, AT(priority), 1.0, 1.0, 99.0},
+    {"bus", "torque_timeout_ms", WHOLE, 1, AT(servo.bus.torque_timeout_ms), 1.0, 0.0, 1000.0},
+    {"loop", "stuck_ticks", WHOLE, 1, AT(servo.bus.stuck_ticks), 1.0, 1.0, 10000.0},
     {"loop", "rest_ticks", WHOLE, 1, AT(servo.bus.rest_ticks), 1.0, 0.0, 100000.0},
     AXIS("guide", "m", "N", 0, -50.0, 50.0, 1.0),
     JOINT("guide", "m", 0),
@@ -71,7 +74,6 @@ static const entry entries[] = {
     {"arm", "tool_position_m", FLOATS, 3, AT(servo.arm.tip_from_tool.pos_m), 1.0, -100.0, 100.0},
     {"arm", "tool_quaternion", FLOATS, 4, AT(servo.arm.tip_from_tool.rot), 1.0, -1.0, 1.0},
     {"wrist", "step_deg", FLOATS, 1, AT(servo.wrist_step_rad), DEG, 1e-4, 5.0},
-    {"wrist", "fixed_deg", FLOATS, 3, AT(wrist_deg), 1.0, -180.0, 180.0},
     {"wrist", "min_deg", FLOATS, 3, AT(servo.arm.wrist_min_rad), DEG, -360.0, 360.0},
     {"wrist", "max_deg", FLOATS, 3, AT(servo.arm.wrist_max_rad), DEG, -360.0, 360.0},
     {"contact", "stiffness_N_m", FLOATS, 1, AT(servo.world.stiffness_N_m), 1.0, 0.0, 1e6},

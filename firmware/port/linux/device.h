@@ -13,7 +13,6 @@ typedef struct {
     uint32_t bitrate;     /* bit/s; asked of interfaces that have one */
     uint32_t deadline_us; /* after SYNC: the tick starts then at the latest */
     uint32_t priority;    /* of SCHED_FIFO */
-    float wrist_deg[3];   /* the wrist when nothing reads it */
 } device_config;
 
 device_config device_default(void);

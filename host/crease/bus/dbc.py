@@ -34,8 +34,10 @@ def _signal(
     return f' SG_ {name} : {start}|{bits}@1{sign} ({factor!r},0) {limits} "{unit}" {receiver}'
 
 
-def _scaling(index: int, axis: Axis) -> tuple[float, str]:
+def _scaling(dictionary: Dictionary, index: int, axis: Axis) -> tuple[float, str]:
     """Physical value of one count, and its unit."""
+    if index == 0x2100:
+        return float(dictionary.wrist["step_deg"]), "deg"
     if index == 0x6064:
         return axis.position_step, axis.position_unit
     if index in (0x6071, 0x6077):
@@ -47,8 +49,9 @@ def _pdo_signals(dictionary: Dictionary, pdo: Pdo, axis: Axis, receiver: str) ->
     lines, start = [], 0
     for index, sub, bits in pdo.map:
         entry = dictionary.entry(index, sub)
-        factor, unit = _scaling(index, axis)
-        lines.append(_signal(_NAMES[index], start, bits, entry.data.signed, factor, unit, receiver))
+        factor, unit = _scaling(dictionary, index, axis)
+        name = dictionary.wrist["angles"][sub - 1] if index == 0x2100 else _NAMES[index]
+        lines.append(_signal(name, start, bits, entry.data.signed, factor, unit, receiver))
         start += bits
     return lines
 
@@ -57,7 +60,12 @@ def _torque_signals(dictionary: Dictionary) -> list[str]:
     """One word per axis in the frame that all drives share."""
     return [
         _signal(
-            f"torque_{axis.name}", 16 * i, 16, True, *_scaling(0x6071, axis), f"DRIVE_{axis.name}"
+            f"torque_{axis.name}",
+            16 * i,
+            16,
+            True,
+            *_scaling(dictionary, 0x6071, axis),
+            f"DRIVE_{axis.name}",
         )
         for i, axis in enumerate(dictionary.axes)
     ]
@@ -111,7 +119,8 @@ def to_dbc(dictionary: Dictionary) -> str:
                 continue
             sender, receiver = (_HOST, drive) if pdo.kind == "rpdo" else (drive, _HOST)
             signals = _pdo_signals(dictionary, pdo, axis, receiver)
-            lines += _message(pdo.cob, f"{pdo.name}_{axis.name}", pdo.bytes, sender, signals)
+            name = pdo.name if pdo.name == "WRIST" else f"{pdo.name}_{axis.name}"
+            lines += _message(pdo.cob, name, pdo.bytes, sender, signals)
         emergency = [
             _signal("error_code", 0, 16, False, 1, "", _HOST),
             _signal("error_register", 16, 8, False, 1, "", _HOST),

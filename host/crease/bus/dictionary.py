@@ -122,6 +122,7 @@ class Dictionary:
 
     bus: Mapping[str, int]
     setup: Mapping[str, int]
+    wrist: Mapping[str, Any]
     schedule: Mapping[str, int]
     axes: tuple[Axis, ...]
     entries: tuple[Entry, ...]
@@ -156,7 +157,14 @@ class Dictionary:
 
     def bus_pdos(self, axis: Axis) -> tuple[Pdo, ...]:
         """The PDOs of one drive as the host sets them up."""
-        return tuple(self._pdo(item, axis) for item in self.raw["bus_pdo"])
+        items = self.raw["bus_pdo"]
+        return tuple(self._pdo(i, axis) for i in items if i.get("axis", axis.name) == axis.name)
+
+    @property
+    def wrist_axis(self) -> int:
+        """Number of the axis whose drive reads the wrist."""
+        name = next(item["axis"] for item in self.raw["bus_pdo"] if item["name"] == "WRIST")
+        return [axis.name for axis in self.axes].index(name)
 
     def drive_pdos(self, axis: Axis) -> tuple[Pdo, ...]:
         """The PDOs of one drive at power-on."""
@@ -285,6 +293,7 @@ def load(path: Path = SOURCE) -> Dictionary:
         return Dictionary(
             bus=raw["bus"],
             setup=raw["setup"],
+            wrist=raw["wrist"],
             schedule=raw["schedule"],
             axes=tuple(Axis(**item) for item in raw["axis"]),
             entries=tuple(sorted(entries, key=lambda entry: (entry.index, entry.sub))),

@@ -32,6 +32,8 @@ def to_c_header(dictionary: Dictionary) -> str:
         f"static const uint8_t cr_od_nodes[CR_SIM_AXES] = {{{', '.join(f'0x{a.node:02x}' for a in axes)}}};",
         f"static const double cr_od_steps[CR_SIM_AXES] = {{{', '.join(repr(a.position_step) for a in axes)}}};",
         f"static const double cr_od_rated[CR_SIM_AXES] = {{{', '.join(repr(a.rated) for a in axes)}}};",
+        "/* The axis whose drive reads the wrist. */",
+        f"#define CR_OD_WRIST_AXIS {dictionary.wrist_axis}u",
         "",
         "/* index, sub-index, bits, flags, {value at power-on per axis}, least and greatest value for SDO. */",
         "static const cr_od_entry cr_od_entries[CR_OD_ENTRIES] = {",
@@ -65,7 +67,7 @@ def _default(entry: Entry) -> str:
 
 
 def _frame_name(pdo: Pdo, axis: Axis) -> str:
-    return pdo.name if pdo.name == "TORQUE" else f"{pdo.name} {axis.name}"
+    return pdo.name if pdo.name in ("TORQUE", "WRIST") else f"{pdo.name} {axis.name}"
 
 
 def to_markdown(dictionary: Dictionary) -> str:
@@ -85,7 +87,9 @@ def to_markdown(dictionary: Dictionary) -> str:
             if pdo.name == "TORQUE":
                 what = ", ".join(f"0x6071 of {a.name}" for a in dictionary.axes)
             else:
-                what = ", ".join(f"0x{index:04X}" for index, _, _ in pdo.map)
+                what = ", ".join(
+                    f"0x{index:04X}" + (f":{sub}" if sub else "") for index, sub, _ in pdo.map
+                )
             rows.append(f"| 0x{pdo.cob:03X} | {_frame_name(pdo, axis)} | {pdo.bytes} | {what} |")
     rows += [
         "",

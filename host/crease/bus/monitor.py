@@ -79,6 +79,8 @@ class Decoder:
             for pdo in dictionary.bus_pdos(axis):
                 if pdo.name == "TORQUE":
                     self._add(pdo.cob, "TORQUE", pdo.bytes, self._torque)
+                elif pdo.name == "WRIST":
+                    self._add(pdo.cob, "WRIST", pdo.bytes, self._wrist)
                 else:
                     self._add(pdo.cob, f"{pdo.name} {axis.name}", pdo.bytes, self._pdo(pdo, axis))
 
@@ -89,6 +91,13 @@ class Decoder:
         return {
             f"{axis.name} {axis.torque_unit}": _whole(data, 16 * i, 16, True) * axis.rated * 1e-3
             for i, axis in enumerate(self._dictionary.axes)
+        }
+
+    def _wrist(self, data: bytes) -> Values:
+        wrist = self._dictionary.wrist
+        return {
+            f"{name} deg": _whole(data, 16 * i, 16, True) * wrist["step_deg"]
+            for i, name in enumerate(wrist["angles"])
         }
 
     def _pdo(self, pdo: Pdo, axis: Axis) -> Callable[[bytes], Values]:
@@ -238,7 +247,7 @@ class Monitor:
         }
 
 
-_BYTES: Mapping[str, int] = {"SYNC": 0, "NMT": 2, "TORQUE": 6, "CONTROL": 3, "HEARTBEAT": 1}
+_BYTES: Mapping[str, int] = {"SYNC": 0, "NMT": 2, "TORQUE": 6, "WRIST": 6, "CONTROL": 3, "HEARTBEAT": 1}
 
 
 def _length(row: Row) -> int:

@@ -28,6 +28,21 @@ def frame_bits(length: int) -> int:
     return 34 + 8 * length + 13 + (34 + 8 * length - 1) // 4
 
 
+def fd_frame_us(length: int, bit_us: float = 1.0, data_bit_us: float = 0.2) -> float:
+    """Time of a CAN FD frame with an 11-bit identifier and bit-rate switch, worst stuffing, interframe space included.
+
+    ISO 11898-1:2015. In nominal bits: 17 from start of frame to BRS, at most 4 stuff bits among them, 13 from the CRC
+    delimiter to the end of the interframe space. In data bits: ESI, DLC, data and their stuff bits; stuff count and CRC
+    with a fixed stuff bit before them and after every fourth.   Errors: ValueError for a length that no DLC has.
+    """
+    if length not in (*range(9), 12, 16, 20, 24, 32, 48, 64):
+        raise ValueError(f"no CAN FD frame has {length} bytes")
+    stuffed = (17 + 5 + 8 * length - 1) // 4
+    check = 4 + (17 if length <= 16 else 21)
+    data_bits = 5 + 8 * length + (stuffed - 4) + check + 1 + check // 4
+    return (17 + 4 + 13) * bit_us + data_bits * data_bit_us
+
+
 @dataclass(frozen=True)
 class Timing:
     """One message in the analysis. Units: us."""
@@ -143,8 +158,8 @@ def feasible(items: Sequence[Timing], error_interval_us: float | None = None) ->
 
 
 def at_rate(items: Sequence[Timing], rate_Hz: float) -> list[Timing]:
-    """The same bus with another rate of the cyclic frames."""
-    return [replace(i, period_us=1e6 / rate_Hz) if i.cyclic else i for i in items]
+    """The same bus with another rate of the SYNC, and of what follows it."""
+    return [replace(i, period_us=i.period_us * (1e3 / rate_Hz)) if i.cyclic else i for i in items]
 
 
 def highest_rate_Hz(items: Sequence[Timing], step_Hz: int = 25, most_Hz: int = 4000) -> int:
@@ -155,12 +170,12 @@ def highest_rate_Hz(items: Sequence[Timing], step_Hz: int = 25, most_Hz: int = 4
 
 def compute_budget_us(items: Sequence[Timing], period_us: float = 1000.0) -> float:
     """What one period leaves for the computation when SYNC, states and torque follow one another and the host
-    sends the rest after its torque frame."""
-    return period_us - sum(i.cost_us for i in items if i.cyclic)
+    sends the rest after its torque frame. The wrist goes over the bus while the host computes: no tick waits for it."""
+    return period_us - sum(i.cost_us for i in items if i.cyclic and i.period_us <= period_us)
 
 
 def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:
-    """The bus as it is, and the two that were rejected."""
+    """The bus as it is, the two that were rejected, and what CAN FD with 12-byte states (the velocity besides) would give."""
     messages = dictionary.messages()
     nodes = [axis.node for axis in dictionary.axes]
     default_emcy = [
@@ -173,7 +188,14 @@ def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:
         "this one": timings(messages),
         "default EMCY identifiers": timings(default_emcy),
         "one torque frame per axis": timings(per_axis),
+        "CAN FD, 1 and 5 Mbit/s": _fd_timings(messages),
     }
+
+
+def _fd_timings(messages: Sequence[Message]) -> list[Timing]:
+    """Every frame as CAN FD, the states with 12 bytes."""
+    length = {m.name: 12 if m.name.startswith("STATE") else m.bytes for m in messages}
+    return [replace(i, cost_us=fd_frame_us(length[i.name])) for i in timings(messages)]
 
 
 def worst_cyclic_us(items: Sequence[Timing]) -> float | None:

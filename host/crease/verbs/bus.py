@@ -7,7 +7,7 @@ import contextlib
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from crease.errors import BusError
 from crease.verbs.common import SubParsers, add_force, add_json, number, print_json
@@ -94,7 +94,7 @@ def _schedule(args: argparse.Namespace) -> None:
     error_us = float(dictionary.schedule["error_interval_us"])
     found = schedule.analyse(ours)
     struck = schedule.analyse(ours, error_interval_us=error_us)
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "layout": name,
             "load_cyclic": schedule.load(items, cyclic_only=True),
@@ -123,8 +123,8 @@ def _schedule(args: argparse.Namespace) -> None:
     print(f"{'layout':26s} {'load cyclic/all':>16s} {'last cyclic':>12s}  feasible  up to")
     for row in rows:
         print(
-            f"{row['layout']:26s} {100 * float(str(row['load_cyclic'])):8.1f}/{100 * float(str(row['load'])):.1f} %"
-            f" {row['last_cyclic_us']!s:>9s} us  {'yes' if row['feasible'] else 'no':8s}  {row['highest_rate_Hz']} Hz"
+            f"{row['layout']:26s} {100 * row['load_cyclic']:8.1f}/{100 * row['load']:.1f} %"
+            f" {_us(row['last_cyclic_us']):>9s} us  {'yes' if row['feasible'] else 'no':8s}  {row['highest_rate_Hz']} Hz"
         )
 
 
