@@ -156,9 +156,17 @@ static void *write_records(void *argument) {
 
 /* ------------------------------------------------------------------------------------------------- real-time side */
 
-/* Touch the stack the loop will use, lock all memory, take a real-time priority: each when allowed, and said when not. */
+/* A timer coarser than this cannot carry the loop. */
+#define TIMER_STEP_MAX_NS 100000
+
+/* Lock all memory, take a real-time priority: each when allowed, and said when not. */
 static void become_real_time(const device_config *device) {
     const struct sched_param priority = {.sched_priority = (int)device->priority};
+    struct timespec step;
+    if (clock_getres(CLOCK_MONOTONIC, &step) == 0 && (step.tv_sec > 0 || step.tv_nsec > TIMER_STEP_MAX_NS)) {
+        fprintf(stderr, "warning: timers of this kernel step by %ld us; it needs high-resolution timers\n",
+                step.tv_nsec / 1000);
+    }
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
         fprintf(stderr, "warning: memory is not locked: %s; a page fault can delay a tick\n", strerror(errno));
     }
