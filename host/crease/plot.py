@@ -114,10 +114,10 @@ def _draw_force(axes: Axes, table: Table) -> None:
     for k, axis in enumerate("xyz"):
         axes.plot(table["t_s"], force_N[:, k], color=AXIS_COLOURS[k], label=f"F{axis}")
     axes.set_ylabel("force, N")
-    _legend(axes)
+    legend_beside(axes)
 
 
-def _legend(axes: Axes, handles: list[Any] | None = None) -> None:
+def legend_beside(axes: Axes, handles: list[Any] | None = None) -> None:
     """The legend beside the panel, where it hides nothing."""
     options: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
     if handles is not None:
@@ -138,7 +138,7 @@ def _draw_magnitudes(axes: Axes, tables: Sequence[Table], names: Sequence[str]) 
     for (table, pen), name in zip(_pens(tables), names, strict=True):
         axes.plot(table["t_s"], np.linalg.norm(forces_N(table), axis=1), label=name, **pen)
     axes.set_ylabel("|F|, N")
-    _legend(axes)
+    legend_beside(axes)
 
 
 def _draw_components(axes: Axes, tables: Sequence[Table]) -> None:
@@ -152,7 +152,7 @@ def _draw_components(axes: Axes, tables: Sequence[Table]) -> None:
     marks = [Line2D([], [], color="#444444", ls=s) for s in AXIS_STYLES]
     for mark, axis in zip(marks, "xyz", strict=True):
         mark.set_label(f"F{axis}")
-    _legend(axes, marks)
+    legend_beside(axes, marks)
 
 
 def _draw_depth(axes: Axes, tables: Sequence[Table]) -> None:

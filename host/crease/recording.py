@@ -258,6 +258,12 @@ def _bit_names(bits: int, text: Any) -> list[str]:
     return [ffi.string(text(1 << i)).decode("ascii") for i in range(32) if bits >> i & 1]
 
 
+def _missing(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """States that did not come in time, in each tick."""
+    total = rows["counters"]["missing"].sum(axis=1).astype(np.int64)
+    return np.diff(total, prepend=total[:1])
+
+
 def to_columns(rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
     """The columns of a table of ticks, by name: what of a record is worth plotting."""
     columns: dict[str, npt.NDArray[Any]] = {
@@ -277,6 +283,10 @@ def to_columns(rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
         columns.update(zip(names, rows[name].T, strict=True))
     for name in ("energy_J", "depth_m", "margin", "areas", "zones", "mode", "limits", "faults"):
         columns[name] = rows[name]
+    waited_ns = (rows["now_ns"] - rows["sync_ns"]).astype(np.float64)
+    columns["states_us"] = 1e-3 * waited_ns
+    columns["torque_us"] = 1e-3 * (waited_ns + rows["tick_ns"])
+    columns["states_missing"] = _missing(rows)
     columns["wake_late_ns"] = rows["wake_late_ns"]
     columns["tick_ns"] = rows["tick_ns"]
     return columns

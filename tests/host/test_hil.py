@@ -9,6 +9,7 @@ import pytest
 from crease import recording as rec
 from crease.hil import InProcess, buzz_m_s2, hand_targets, lead_in, resample, run_inprocess
 from crease.native import ffi, lib
+from crease.plot_loop import draw_loop, motor_force_N, recording_table
 from crease.scene import open_scene
 from crease.trajectory import load_trajectory
 from host_tools import Run, write_path
@@ -176,6 +177,36 @@ def test_fault_clears_on_command_only(scene_crs: Path, slow_press_csv: Path) -> 
     loop.command(int(lib.CR_COMMAND_START))
     loop.tick()
     assert loop.mode in (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED)
+
+
+def test_plot_of_a_run_holds_commanded_and_felt_force_energy_timing_and_state(
+    folder: Path, run_crr: Path, crease: Run
+) -> None:
+    recording = rec.load_recording(run_crr)
+    axes = draw_loop(recording_table(recording), "run").axes
+    lines = {str(line.get_label()): np.asarray(line.get_ydata()) for line in axes[0].lines}
+    commanded = np.linalg.norm(recording.rows["force_N"], axis=1)
+    assert lines["commanded"] == pytest.approx(commanded, rel=1e-6)
+    energy_mJ = 1e3 * recording.rows["energy_J"].astype(np.float64)
+    assert np.asarray(axes[2].lines[0].get_ydata()) == pytest.approx(energy_mJ, rel=1e-6)
+    labels = [text.get_text() for text in axes[4].get_legend().get_texts()]
+    assert {"init", "bus-up", "calibrating", "rendering"} <= set(labels)
+    for name, table in (("crr", run_crr), ("csv", folder / "run.csv")):
+        figure = folder / f"loop_{name}.png"
+        said = crease("plot", table, "-o", figure)
+        assert (said.status, said.out) == (0, f"{figure}\n")
+    assert crease("plot", run_crr, folder / "run.csv", "-o", folder / "two.png").status == 1
+
+
+def test_force_of_the_motors_follows_the_commanded_one_two_ticks_later(run_crr: Path) -> None:
+    """The drives tell per mille of what acted since the last SYNC, through an amplifier of 500 Hz."""
+    recording = rec.load_recording(run_crr)
+    told = np.linalg.norm(motor_force_N(recording), axis=1)
+    commanded = np.linalg.norm(recording.rows["force_N"], axis=1)
+    press = np.flatnonzero(commanded > 0.5)[5:]
+    error_N = told[press] - commanded[press - 2]
+    assert np.abs(error_N).max() < 0.15, "0.15 N: friction compensation changes within the delay"
+    assert abs(error_N.mean()) < 0.01
 
 
 def test_firmware_and_simulator_assume_the_same_device() -> None:

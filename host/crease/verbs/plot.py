@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from crease.errors import CreaseError
+from crease.recording import is_recording, load_recording
 from crease.replay import ANSWER_COLUMNS
 from crease.table import check_suffix, check_target, read_table, write_atomic
 from crease.verbs.common import SubParsers, add_force
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LOOP_COLUMNS = ("contact_fx_N", "energy_J", "mode", "faults", "states_us")
+"""What tells a table of `crease hil` from one of `crease replay`."""
 
 SUFFIXES = (".png", ".svg", ".pdf")
 
@@ -17,10 +25,17 @@ def add_parser(sub: SubParsers) -> None:
     """The command line of the verb."""
     parser = sub.add_parser(
         "plot",
-        help="draw tables of ticks",
-        description="Draw force, depth, change of direction and cost of every tick.",
+        help="draw tables of ticks, or a run of the loop",
+        description="Draw force, depth, change of direction and cost of every tick of replays; or, of one recording or "
+        "table of `crease hil`: contact, commanded and felt force, energy, timing of the bus, state, limits and faults.",
     )
-    parser.add_argument("tables", metavar="OUT.csv", type=Path, nargs="+", help="tables of replay")
+    parser.add_argument(
+        "tables",
+        metavar="OUT.csv",
+        type=Path,
+        nargs="+",
+        help="tables of replay; or one recording (.crr) or table of hil",
+    )
     parser.add_argument(
         "-o", "--output", metavar="FIG.png", type=Path, required=True, help="PNG, SVG or PDF"
     )
@@ -38,6 +53,20 @@ def labels(paths: list[Path]) -> list[str]:
     ]
 
 
+def _is_loop(path: Path) -> bool:
+    """A recording, or a table that `crease hil` wrote."""
+    if is_recording(path):
+        return True
+    return path.is_file() and set(LOOP_COLUMNS) <= set(read_table(path))
+
+
+def _draw_run(path: Path, title: str | None) -> Figure:
+    from crease.plot_loop import draw_loop, recording_table
+
+    table = recording_table(load_recording(path)) if is_recording(path) else read_table(path)
+    return draw_loop(table, title or path.stem)
+
+
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a table that cannot be read, or a figure that cannot be written."""
     check_suffix(args.output, SUFFIXES)
@@ -46,11 +75,15 @@ def run(args: argparse.Namespace) -> None:
         raise CreaseError(
             f"{len(args.tables)} tables in one figure cannot be told apart; give 8 at most"
         )
-    tables = [read_table(path, ANSWER_COLUMNS) for path in args.tables]
-
     from crease.plot import draw_ticks, save_figure
 
-    figure = draw_ticks(tables, labels(args.tables), args.title)
+    if len(args.tables) == 1 and _is_loop(args.tables[0]):
+        figure = _draw_run(args.tables[0], args.title)
+    else:
+        if any(is_recording(path) for path in args.tables):
+            raise CreaseError("a recording is drawn alone; give one file")
+        tables = [read_table(path, ANSWER_COLUMNS) for path in args.tables]
+        figure = draw_ticks(tables, labels(args.tables), args.title)
     kind = args.output.suffix.lower()[1:]
     write_atomic(args.output, lambda file: save_figure(figure, file, kind))
     print(args.output)
