@@ -131,20 +131,23 @@ static int is_at_stop(const cr_servo *s, int a) {
 }
 
 /* A joint that rests under one torque and still rests, to the bit, when the torque has changed by more than friction can
- * hold: only a stuck encoder looks like that. A hand that leans on a wall does not: nothing changes while nothing moves. */
+ * hold and the other joints have carried the tip away: a stuck encoder looks like that. A hand that leans on a wall does not,
+ * nothing changes while nothing moves; nor does a joint that turns round, which rests while the tip moves some mm. */
 static uint32_t check_still(cr_servo *s, int a) {
     cr_still *still = &s->still[a];
     const float most = s->config.axis[a].stuck, torque = s->control.torque[a];
     if (s->counts[a] != still->counts || !cr_mode_is_rendering(s->mode) || is_at_stop(s, a)) {
-        *still = (cr_still){s->counts[a], 0u, 0.0f, 0u};
+        *still = (cr_still){s->counts[a], 0u, 0.0f, {0.0f, 0.0f, 0.0f}, 0u};
         return 0u;
     }
     still->ticks++;
     if (still->ticks <= s->config.bus.stuck_ticks) {
         still->torque = torque;
+        still->tip_m = s->kinematics.tip_world_m;
         return 0u;
     }
-    int pushed = most > 0.0f && abs_f(torque - still->torque) > most;
+    int away = v3_norm(v3_sub(s->kinematics.tip_world_m, still->tip_m)) > s->config.stuck_travel_m;
+    int pushed = most > 0.0f && away && abs_f(torque - still->torque) > most;
     still->pushed = pushed ? still->pushed + 1u : 0u;
     return still->pushed > s->config.bus.stuck_ticks ? (uint32_t)CR_FAULT_STUCK : 0u;
 }

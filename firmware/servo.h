@@ -52,7 +52,7 @@ typedef struct {
     float gravity;        /* joint torque that holds the link when level, times cos(joint); for the guide: constant */
     float coulomb;        /* joint torque of dry friction */
     float friction_speed; /* joint units per s at which half of the friction is compensated */
-    float stuck;          /* joint torque: a swing of more than this moves the joint, or its encoder is stuck; 0: not watched */
+    float stuck;          /* joint torque: a joint that rests through a swing of more than this is suspect; 0: not watched */
 } cr_axis_config;
 
 typedef struct {
@@ -91,6 +91,7 @@ typedef struct {
     cr_config world;
     float period_s;  /* nominal; 0.2e-3..0.1 */
     float overrun_s; /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
+    float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
 } cr_servo_config;
 
 /* Purpose  the LHifAM of DESIGN.md. Every number of it is assumed, none is measured on a device. */
@@ -203,7 +204,7 @@ enum {
     CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period, or more than a drive has reason for */
     CR_FAULT_BUS_OFF = 8192u,   /* the bus cannot be reached */
     CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
-    CR_FAULT_STUCK = 32768u     /* an encoder did not move, to the bit, while the torque on its joint swung beyond friction */
+    CR_FAULT_STUCK = 32768u     /* an encoder did not move, to the bit, while the torque on it and the other joints did */
 };
 #define CR_FAULT_COUNT 16
 

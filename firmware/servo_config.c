@@ -42,6 +42,7 @@ cr_servo_config cr_servo_config_default(void) {
         cr_config_default(),
         1e-3f,
         1.8e-3f,
+        0.02f,
     };
     c.world.force_max_N = 40.0f;
     return c;
@@ -161,6 +162,9 @@ const char *cr_servo_config_error(const cr_servo_config *config) {
     }
     if (!in(config->overrun_s, config->period_s, 2.0f * config->period_s)) {
         return "overrun_s: one to two periods";
+    }
+    if (!in(config->stuck_travel_m, 0.0f, 1.0f)) {
+        return "stuck_travel_m: 0..1";
     }
     if (!in(config->wrist_step_rad, 1e-6f, 0.1f)) {
         return "wrist_step_rad: 1e-6..0.1";

@@ -174,7 +174,8 @@ typedef struct {
     int32_t counts;  /* that it has kept */
     uint32_t ticks;  /* samples since they came */
     float torque;    /* on it when it had rested for stuck_ticks */
-    uint32_t pushed; /* samples in a row with a torque that differs from that by more than `stuck` */
+    cr_vec3 tip_m;   /* and where the tip was then */
+    uint32_t pushed; /* samples in a row with a torque that differs from that by more than `stuck`, and the tip elsewhere */
 } cr_still;
 
 struct cr_servo {

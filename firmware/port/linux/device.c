@@ -56,6 +56,7 @@ static const entry entries[] = {
     {"loop", "deadline_us", WHOLE, 1, AT(deadline_us), 1.0, 100.0, 100000.0},
     {"loop", "priority", WHOLE, 1, AT(priority), 1.0, 1.0, 99.0},
     {"bus", "torque_timeout_ms", WHOLE, 1, AT(servo.bus.torque_timeout_ms), 1.0, 0.0, 1000.0},
+    {"loop", "stuck_travel_m", FLOATS, 1, AT(servo.stuck_travel_m), 1.0, 0.0, 1.0},
     {"loop", "stuck_ticks", WHOLE, 1, AT(servo.bus.stuck_ticks), 1.0, 1.0, 10000.0},
     {"loop", "rest_ticks", WHOLE, 1, AT(servo.bus.rest_ticks), 1.0, 0.0, 100000.0},
     AXIS("guide", "m", "N", 0, -50.0, 50.0, 1.0),

@@ -179,6 +179,8 @@ class Monitor:
         self._answered: dict[int, int] = {}
         self.rows: dict[int, Row] = {}
         self.errors = 0
+        self.drops: int | None = None
+        """Frames that the kernel lost before they could be fed; None where nobody tells."""
         self.now_s = 0.0
         self.missed: dict[int, int] = {}
         """Answers that did not come before the next SYNC, by identifier, since that axis first answered."""
@@ -217,14 +219,15 @@ class Monitor:
         lines = [head]
         for cob, row in sorted(self.rows.items()):
             rate = row.rate_Hz(self.now_s)
-            text = "  ".join(f"{name} {_show(value)}" for name, value in row.values.items())
+            text = "  ".join(f"{name} {_show(name, value)}" for name, value in row.values.items())
             text += f"  ({row.malformed} of wrong length)" if row.malformed else ""
             lines.append(
                 f"0x{cob:03X}   {row.name:16s} {row.count:9,d} {rate:7.0f}  {text}".rstrip()
             )
         missed = sum(self.missed.values())
+        lost = "" if self.drops is None else f", {self.drops:,} frames lost by the kernel"
         lines.append(
-            f"load {100 * self.load():.1f} %, {missed:,} answers missed, {self.errors:,} error frames"
+            f"load {100 * self.load():.1f} %, {missed:,} answers missed, {self.errors:,} error frames{lost}"
         )
         return lines
 
@@ -244,6 +247,7 @@ class Monitor:
             "load": self.load(),
             "missed": sum(self.missed.values()),
             "error_frames": self.errors,
+            "kernel_drops": self.drops,
         }
 
 
@@ -254,5 +258,7 @@ def _length(row: Row) -> int:
     return _BYTES.get(row.name.split()[0], 8)
 
 
-def _show(value: float | int | str) -> str:
+def _show(name: str, value: float | int | str) -> str:
+    if name.endswith("word"):
+        return f"0x{value:04X}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -76,6 +76,30 @@ def enlarge(bus: can.BusABC) -> None:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
 
+_SO_MEMINFO, _MEMINFO_DROPS, _MEMINFO_WORDS = 55, 8, 9
+
+
+def kernel_drops(bus: can.BusABC) -> int | None:
+    """Frames that the kernel threw away because the bus was not read in time, so far; None where it does not tell.
+
+    The counter of SO_RXQ_OVFL, asked for directly: as ancillary data it would come with the next frame only, and
+    python-can takes no other ancillary data than its time stamps.
+    """
+    import socket
+    import struct
+
+    found = getattr(bus, "socket", None)
+    if not isinstance(found, socket.socket):
+        return None
+    try:
+        words = found.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * _MEMINFO_WORDS)
+    except OSError:
+        return None
+    if len(words) < 4 * _MEMINFO_WORDS:
+        return None
+    return int(struct.unpack("=9I", words)[_MEMINFO_DROPS])
+
+
 @contextmanager
 def one_line(bus: can.BusABC) -> Iterator[None]:
     """Trouble of the interface in the block becomes a BusError on one line."""

@@ -195,14 +195,20 @@ def _listen(
     seconds: float | None,
     live: bool,
 ) -> None:
+    from crease.bus.transport import kernel_drops
+
     end_s = None if seconds is None else time.monotonic() + seconds
     drawn_s = time.monotonic()
-    while end_s is None or time.monotonic() < end_s:
-        message = bus.recv(timeout=0.05)
-        if message is not None:
-            monitor.feed(message)
-            for listener in listeners:
-                listener.on_message_received(message)
-        if live and time.monotonic() - drawn_s > _REDRAW_S:
-            print("\x1b[H\x1b[2J" + "\n".join(monitor.lines()), flush=True)
-            drawn_s = time.monotonic()
+    try:
+        while end_s is None or time.monotonic() < end_s:
+            message = bus.recv(timeout=0.05)
+            if message is not None:
+                monitor.feed(message)
+                for listener in listeners:
+                    listener.on_message_received(message)
+            if live and time.monotonic() - drawn_s > _REDRAW_S:
+                monitor.drops = kernel_drops(bus)
+                print("\x1b[H\x1b[2J" + "\n".join(monitor.lines()), flush=True)
+                drawn_s = time.monotonic()
+    finally:
+        monitor.drops = kernel_drops(bus)
