@@ -32,12 +32,12 @@ TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
-C_ALL := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c) $(C_HEADERS)
+C_ALL := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c tests/bench/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile
 
 # ---------------------------------------------------------------------------------------------------- installing
 
@@ -189,6 +189,21 @@ bench-loop: build/.host ## stability of the closed loop: the simulator against t
 bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
 	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv
 
+# creased with a UNIX socket for its bus: everything but can.c.
+build/gcc/creased-unix: build/gcc/firmware/port/linux/creased.o build/gcc/firmware/port/linux/device.o \
+                        build/gcc/tests/bench/latency_can.o $(FIRMWARE_C:%.c=build/gcc/%.o)
+	@$(CC_gcc) $(CFLAGS_gcc) $^ -lm -lpthread -o $@
+
+build/gcc/latency_drives: build/gcc/tests/bench/latency_drives.o build/gcc/libsim.a
+	@$(CC_gcc) $(CFLAGS_gcc) $^ -lode -lm -o $@
+
+LATENCY = $(PY) tests/bench/latency.py build/scenes/wall_cube.crs
+
+bench-latency: build/.host build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
+	$(LATENCY) --where 'native kernel without CAN' --figure build/bench/latency-unix.png
+	if [ -e /sys/class/net/vcan0 ]; then $(LATENCY) --transport vcan --where native --figure build/bench/latency-vcan.png; \
+	else tests/hil/lab/vcan-run $(LATENCY) --transport vcan --where 'User-Mode Linux' --figure build/bench/latency-vcan.png; fi
+
 # ----------------------------------------------------------------------------------------------- hardware in the loop
 # Protocol tests on a real vcan0: the kernel's own where there is one, else in User-Mode Linux with virtual time.
 
@@ -196,6 +211,9 @@ bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th t
 HIL_SECONDS ?= 5
 HIL_TESTS := tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/hil/test_*.py)
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
+
+hil-minute: build/.host build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
+	$(PY) tests/hil/repeat.py --seconds 60
 
 hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside the checkout)
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: this kernel has vcan0"; else tests/hil/lab/build-kernel; fi
@@ -241,5 +259,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize coverage bench bench-loop bench-faults hil hil-kernel lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize coverage bench bench-loop bench-faults bench-latency hil hil-kernel hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -19,7 +19,7 @@ import os
 import pickle
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -334,7 +334,7 @@ def main() -> int:
     runs = sum(out.runs for out in outcomes.values())
     print(f"\n{runs} runs, {sum(sum(w.values()) for w in wrong.values())} broken rules")
     if args.json:
-        text = json.dumps({name: asdict(out) for name, out in outcomes.items()}, indent=2)
+        text = json.dumps({name: vars(out) for name, out in outcomes.items()}, indent=2)
         args.json.write_text(text + "\n", encoding="utf-8")
     return 1 if wrong else 0
 

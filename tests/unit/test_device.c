@@ -53,6 +53,10 @@ static void every_mistake_has_its_line(void **state) {
         const char *text, *says;
     } table[] = {
         {"[bus]\nspeed = 1\n", "d:2: unknown key 'speed' in [bus]"},
+        {"[wrist]\nfixed_deg = [0, 0, 0]\n", "d:2: unknown key 'fixed_deg' in [wrist]"},
+        {"[bus]\ntorque_timeout_ms = 2000\n", "torque_timeout_ms = 2000 is out of range"},
+        {"[guide]\nstuck_N = 1.5\n", "stuck: 0, or from twice coulomb"},
+        {"[loop]\nstuck_ticks = 0\n", "stuck_ticks = 0 is out of range"},
         {"[buss]\n", "d:1: unknown table [buss]"},
         {"[bus\n", "d:1: '[bus' is no table"},
         {"window = 3\n", "d:1: key 'window' stands before the first [table]"},
