@@ -12,7 +12,7 @@ enum {
     ID_SYNC = 0x080,
     ID_EMCY_DEFAULT = 0x080, /* + node, until 0x1014 is written */
     ID_TORQUE = 0x181,
-    ID_STATE = 0x180,   /* + node */
+    ID_STATE = 0x180, /* + node */
     ID_WRIST = 0x194,
     ID_CONTROL = 0x200, /* + node */
     ID_SDO_ANSWER = 0x580,
@@ -192,8 +192,8 @@ static int is_ours(uint32_t id) {
 }
 
 int cr_bus_is_of_interest(uint16_t id) {
-    return is_ours(id) || is_axis(id, ID_STATE) || id == ID_WRIST || is_axis(id, ID_SDO_ANSWER) || is_axis(id, ID_EMCY) ||
-           is_axis(id, ID_EMCY_DEFAULT) || is_axis(id, ID_HEARTBEAT);
+    return is_ours(id) || is_axis(id, ID_STATE) || id == ID_WRIST || is_axis(id, ID_SDO_ANSWER) ||
+           is_axis(id, ID_EMCY) || is_axis(id, ID_EMCY_DEFAULT) || is_axis(id, ID_HEARTBEAT);
 }
 
 static void raise_axis(cr_bus *bus, uint32_t fault, uint32_t axis) {

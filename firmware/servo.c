@@ -444,10 +444,9 @@ const char *cr_limit_text(uint32_t bit) {
 }
 
 const char *cr_servo_fault_text(uint32_t bit) {
-    static const char *const names[CR_FAULT_COUNT] = {"silent",    "heartbeat", "reset",  "drive",      "drive-state",
-                                                      "emcy",      "jump",      "range",  "not-finite", "overrun",
-                                                      "bad-state", "alien",     "babble", "bus-off",    "sdo",
-                                                      "stuck"};
+    static const char *const names[CR_FAULT_COUNT] = {
+        "silent",     "heartbeat", "reset",     "drive", "drive-state", "emcy",    "jump", "range",
+        "not-finite", "overrun",   "bad-state", "alien", "babble",      "bus-off", "sdo",  "stuck"};
     return bit_text(bit, names, CR_FAULT_COUNT);
 }
 

@@ -52,7 +52,7 @@ typedef struct {
     float gravity;        /* joint torque that holds the link when level, times cos(joint); for the guide: constant */
     float coulomb;        /* joint torque of dry friction */
     float friction_speed; /* joint units per s at which half of the friction is compensated */
-    float stuck;          /* joint torque: a joint that rests through a swing of more than this is suspect; 0: not watched */
+    float stuck; /* joint torque: a joint that rests through a swing of more than this is suspect; 0: not watched */
 } cr_axis_config;
 
 typedef struct {
@@ -78,8 +78,9 @@ typedef struct {
     uint32_t enable_timeout_ms; /* from the last SDO to OPERATION ENABLED */
     uint32_t listen_ms;         /* silence at start: nobody else may speak for the host */
     uint32_t rest_ticks;        /* calibrating ends after so many periods with the joints at rest */
-    uint32_t torque_timeout_ms; /* a drive without torque frames goes to zero torque after this (0x1401:5); 0: does not */
-    uint32_t stuck_ticks;       /* how long a joint has to rest, then to be pushed in vain, before its encoder is stuck */
+    uint32_t
+        torque_timeout_ms; /* a drive without torque frames goes to zero torque after this (0x1401:5); 0: does not */
+    uint32_t stuck_ticks;  /* how long a joint has to rest, then to be pushed in vain, before its encoder is stuck */
 } cr_bus_config;
 
 typedef struct {
@@ -89,8 +90,8 @@ typedef struct {
     cr_control_config control;
     cr_bus_config bus;
     cr_config world;
-    float period_s;  /* nominal; 0.2e-3..0.1 */
-    float overrun_s; /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
+    float period_s;       /* nominal; 0.2e-3..0.1 */
+    float overrun_s;      /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
     float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
 } cr_servo_config;
 
@@ -204,7 +205,7 @@ enum {
     CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period, or more than a drive has reason for */
     CR_FAULT_BUS_OFF = 8192u,   /* the bus cannot be reached */
     CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
-    CR_FAULT_STUCK = 32768u     /* an encoder did not move, to the bit, while the torque on it and the other joints did */
+    CR_FAULT_STUCK = 32768u /* an encoder did not move, to the bit, while the torque on it and the other joints did */
 };
 #define CR_FAULT_COUNT 16
 
@@ -228,7 +229,7 @@ typedef struct {
     uint32_t sdo_retries;
     uint32_t overruns;
     uint32_t send_failed;
-    uint32_t rx_drops; /* frames the operating system lost, as the port reports them */
+    uint32_t rx_drops;      /* frames the operating system lost, as the port reports them */
     uint32_t wrist_missing; /* wrist frames that did not come */
 } cr_servo_counters;
 

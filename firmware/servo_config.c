@@ -30,9 +30,8 @@ static cr_arm_config default_arm(void) {
 
 cr_servo_config cr_servo_config_default(void) {
     cr_axis_config guide = {60e-6f, 0.0f, 10.0f, 20.0f, TIP_JUMP_M, 0.0f, 1.0f, 0.02f, 4.0f};
-    cr_axis_config link = {TIP_STEP_M / LINK_M, 0.0f,          8.0f * LINK_M, 20.0f * LINK_M,
-                           TIP_JUMP_M / LINK_M, 0.2f * LINK_M, 0.4f * LINK_M, 0.02f / LINK_M,
-                           2.0f * LINK_M};
+    cr_axis_config link = {TIP_STEP_M / LINK_M, 0.0f,          8.0f * LINK_M,  20.0f * LINK_M, TIP_JUMP_M / LINK_M,
+                           0.2f * LINK_M,       0.4f * LINK_M, 0.02f / LINK_M, 2.0f * LINK_M};
     cr_servo_config c = {
         default_arm(),
         {guide, link, link},

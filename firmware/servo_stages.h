@@ -171,11 +171,12 @@ int16_t cr_per_mille(float torque, float rated, float limit);
 
 /* What a joint that does not move has been through. */
 typedef struct {
-    int32_t counts;  /* that it has kept */
-    uint32_t ticks;  /* samples since they came */
-    float torque;    /* on it when it had rested for stuck_ticks */
-    cr_vec3 tip_m;   /* and where the tip was then */
-    uint32_t pushed; /* samples in a row with a torque that differs from that by more than `stuck`, and the tip elsewhere */
+    int32_t counts; /* that it has kept */
+    uint32_t ticks; /* samples since they came */
+    float torque;   /* on it when it had rested for stuck_ticks */
+    cr_vec3 tip_m;  /* and where the tip was then */
+    uint32_t
+        pushed; /* samples in a row with a torque that differs from that by more than `stuck`, and the tip elsewhere */
 } cr_still;
 
 struct cr_servo {

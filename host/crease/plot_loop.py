@@ -46,7 +46,9 @@ def motor_force_N(recording: Recording) -> F64:
 def recording_table(recording: Recording) -> dict[str, npt.NDArray[Any]]:
     """The columns of a recording, and what its motors gave as motor_fx_N and so on."""
     columns = to_columns(recording.rows)
-    columns.update(zip(("motor_fx_N", "motor_fy_N", "motor_fz_N"), motor_force_N(recording).T, strict=True))
+    columns.update(
+        zip(("motor_fx_N", "motor_fy_N", "motor_fz_N"), motor_force_N(recording).T, strict=True)
+    )
     return columns
 
 
@@ -79,12 +81,18 @@ def draw_loop(table: Table, title: str) -> Figure:
 
 def _size_N(table: Table, prefix: str) -> F64:
     return np.asarray(
-        np.linalg.norm(np.stack([np.asarray(table[f"{prefix}f{a}_N"]) for a in "xyz"], axis=1), axis=1)
+        np.linalg.norm(
+            np.stack([np.asarray(table[f"{prefix}f{a}_N"]) for a in "xyz"], axis=1), axis=1
+        )
     )
 
 
 def _draw_forces(axes: Axes, table: Table) -> None:
-    felt = ("hand_", "felt by the hand") if "hand_fx_N" in table else ("motor_", "felt: from the motors")
+    felt = (
+        ("hand_", "felt by the hand")
+        if "hand_fx_N" in table
+        else ("motor_", "felt: from the motors")
+    )
     axes.plot(table["t_s"], _size_N(table, "contact_"), color=COLOURS[2], lw=2.2, label="contact")
     commanded = np.linalg.norm(forces_N(table), axis=1)
     axes.plot(table["t_s"], commanded, color=COLOURS[0], lw=1.0, label="commanded")
@@ -133,7 +141,10 @@ def _draw_state(axes: Axes, table: Table) -> None:
     for first, last in _stretches(band):
         axes.axvspan(t_s[first], end_s[last - 1], 0.8, 1.0, color=MODE_COLOURS[band[first]], lw=0)
     rows: list[tuple[str, npt.NDArray[np.bool_], str]] = []
-    for column, names, colour in (("limits", limit_names, "#c98a00"), ("faults", fault_names, MODE_COLOURS[6])):
+    for column, names, colour in (
+        ("limits", limit_names, "#c98a00"),
+        ("faults", fault_names, MODE_COLOURS[6]),
+    ):
         bits = np.asarray(table[column]).astype(np.int64)
         for bit in range(32):
             if (bits >> bit & 1).any():
@@ -143,7 +154,9 @@ def _draw_state(axes: Axes, table: Table) -> None:
         top = 0.78 - number * height
         for first, last in _stretches(on):
             if on[first]:
-                axes.axvspan(t_s[first], end_s[last - 1], top - 0.8 * height, top, color=colour, lw=0.6)
+                axes.axvspan(
+                    t_s[first], end_s[last - 1], top - 0.8 * height, top, color=colour, lw=0.6
+                )
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([0.9, *(0.78 - (n + 0.4) * height for n in range(len(rows)))])
     axes.set_yticklabels(["mode", *(name for name, *_ in rows)], fontsize=7.5)

@@ -94,7 +94,9 @@ KINDS: dict[str, Kind] = {
     "torque 1 tick late": _kind("delay", Rule(), id=TORQUE, to_drives=True, value=1),
     "torque corrupt": _kind("corrupt", Rule(), id=TORQUE, to_drives=True, value=0x0304),
     # Three of its frames fit into the first period, and so many a drive may send.
-    "babbling drive": _kind("babble", Rule(2, 2, ("babble",)), axis=1, id=0x692, value=20, ticks=20),
+    "babbling drive": _kind(
+        "babble", Rule(2, 2, ("babble",)), axis=1, id=0x692, value=20, ticks=20
+    ),
     "silent drive": _kind("silent", GONE, axis=2, ticks=60),
     "encoder jump": _kind("encoder_jump", Rule(1, 1, ("jump",)), axis=1, value=200),
     "encoder X stuck": _kind("encoder_stuck", STUCK, STUCK_TICKS, axis=0, ticks=STUCK_TICKS),
@@ -174,7 +176,10 @@ def inject(loop: InProcess, kind: Kind) -> None:
 def judge(kind: Kind, run: Outcome, rows: npt.NDArray[Any], before: npt.NDArray[Any]) -> None:
     """Hold what was recorded since the injection against the rule."""
     rule = kind.rule
-    faulted, limited = np.flatnonzero(rows["faults"]), np.flatnonzero(rows["limits"] & lib.CR_LIMIT_STALE)
+    faulted, limited = (
+        np.flatnonzero(rows["faults"]),
+        np.flatnonzero(rows["limits"] & lib.CR_LIMIT_STALE),
+    )
     run.limited = int(len(limited) > 0)
     for name in rows["counters"].dtype.names:
         if name in ("ticks_rendering", "ticks_limited", "limits", "faults"):
@@ -195,7 +200,9 @@ def judge(kind: Kind, run: Outcome, rows: npt.NDArray[Any], before: npt.NDArray[
     run.wrong["no fault"] += must_fault and not run.faulted
     run.wrong["zero too late"] += rule.zero_by is not None and run.zero_ticks > rule.zero_by
     run.wrong["reduced too late"] += rule.limit_by is not None and not 0 < reduced <= rule.limit_by
-    run.wrong["not recorded"] += bool(rule.counts) and not any(run.counts[name] for name in rule.counts)
+    run.wrong["not recorded"] += bool(rule.counts) and not any(
+        run.counts[name] for name in rule.counts
+    )
     run.wrong["not finite"] += not all(
         np.isfinite(rows[name]).all() for name in ("torque", "force_N", "energy_J", "velocity_m_s")
     )
@@ -211,7 +218,9 @@ def one_run(loop: InProcess, scene: Scene, kind: Kind, tick: int, recover: bool)
         loop.tick(hand(tick + k))
         watch.zero = loop.mode == lib.CR_MODE_FAULT
     judge(kind, run, loop.result(start).recording.rows[start:], before)
-    run.wrong["recording does not run again"] += rerun(loop.result(start).recording, scene).different
+    run.wrong["recording does not run again"] += rerun(
+        loop.result(start).recording, scene
+    ).different
     if run.faulted:
         for _ in range(20):
             loop.command(int(lib.CR_COMMAND_START))
@@ -317,7 +326,9 @@ HEAD = "| injected | runs | outcome | reduced in tick | zero in tick | bad frame
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("scene", type=Path)
     parser.add_argument("--every", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=2.0)

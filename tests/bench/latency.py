@@ -65,7 +65,9 @@ def drives_command(transport: str, path: Path, folder: Path) -> list[str]:
     if transport == "unix":
         return [str(BUILD / "latency_drives"), str(path), *map(str, TIP_M)]
     operator = folder / "operator.csv"
-    rows = [f"{t},{TIP_M[0]},{TIP_M[1]},{z}" for t, z in ((0, 0.04), (0.5, TIP_M[2]), (0.6, TIP_M[2]))]
+    rows = [
+        f"{t},{TIP_M[0]},{TIP_M[1]},{z}" for t, z in ((0, 0.04), (0.5, TIP_M[2]), (0.6, TIP_M[2]))
+    ]
     operator.write_text("t_s,x_m,y_m,z_m\n" + "\n".join(rows) + "\n", encoding="ascii")
     words = ["-m", "crease", "sim", "-i", "socketcan", "-c", "vcan0", "--operator", str(operator)]
     return [sys.executable, *words]
@@ -79,7 +81,9 @@ def measure(scene: Path, transport: str, seconds: float) -> Figures:
         device.write_text(DEVICE, encoding="ascii")
         creased = BUILD / ("creased-unix" if transport == "unix" else "creased")
         interface = str(socket) if transport == "unix" else "vcan0"
-        with subprocess.Popen(drives_command(transport, socket, folder), stdout=subprocess.DEVNULL) as drives:
+        with subprocess.Popen(
+            drives_command(transport, socket, folder), stdout=subprocess.DEVNULL
+        ) as drives:
             end_s = time.monotonic() + 20.0
             while transport == "unix" and not socket.exists() and time.monotonic() < end_s:
                 time.sleep(0.01)
@@ -100,7 +104,9 @@ def measure(scene: Path, transport: str, seconds: float) -> Figures:
 def figures(rows: npt.NDArray[Any], said: subprocess.CompletedProcess[str]) -> Figures:
     """What a recording and the last line of creased tell."""
     answered = (rows["fresh"] & 7) == 7
-    contact = np.isin(rows["mode"], (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED)) & (rows["areas"] > 0)
+    contact = np.isin(rows["mode"], (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED)) & (
+        rows["areas"] > 0
+    )
     end_us = 1e-3 * ((rows["now_ns"] - rows["sync_ns"]).astype(np.float64) + rows["tick_ns"])
     skipped = next(line for line in said.stdout.splitlines() if " skipped" in line)
     return Figures(
@@ -133,7 +139,9 @@ def draw(runs: Figures, title: str, path: Path) -> None:
             for k, (quantile, style) in enumerate((("p50", "-"), ("p99", "--"), ("p99.9", ":"))):
                 label = f"{quantile}: {found[quantile]:,.0f} us"
                 axes.axvline(found[quantile], color=COLOURS[1 + k], ls=style, lw=1.6, label=label)
-            axes.axvline(found["max"], color="#555555", lw=0.8, label=f"max: {found['max']:,.0f} us")
+            axes.axvline(
+                found["max"], color="#555555", lw=0.8, label=f"max: {found['max']:,.0f} us"
+            )
             axes.set_xlabel(name)
             axes.set_ylabel("ticks")
             axes.legend(loc="upper right")
@@ -144,10 +152,14 @@ def draw(runs: Figures, title: str, path: Path) -> None:
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("scene", type=Path)
     parser.add_argument("--transport", choices=("unix", "vcan"), default="unix")
-    parser.add_argument("--where", default="", help="words for the title: native, User-Mode Linux, ...")
+    parser.add_argument(
+        "--where", default="", help="words for the title: native, User-Mode Linux, ..."
+    )
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--json", type=Path)
@@ -159,7 +171,9 @@ def main() -> int:
     for text in runs.warnings:
         print(text)
     faults = ", ".join(runs.faults) or "none"
-    print(f"{runs.ticks:,} ticks, {runs.contact:,} in contact, {runs.skipped:,} skipped, faults: {faults}")
+    print(
+        f"{runs.ticks:,} ticks, {runs.contact:,} in contact, {runs.skipped:,} skipped, faults: {faults}"
+    )
     report: dict[str, Any] = {"title": title, "ticks": runs.ticks, "skipped": runs.skipped}
     for name, values in (("wake-up", runs.wake_us), ("SYNC to torque frame", runs.end_us)):
         if len(values) == 0:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import can
 import pytest
-from hil_tools import CHANNEL, CREASED, DEVICE, closed_loop, of, torques_of
+from hil_tools import CHANNEL, CREASED, closed_loop, of, torques_of
 
 
 @pytest.mark.parametrize(

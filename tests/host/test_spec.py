@@ -84,6 +84,34 @@ def test_constants_have_the_values_of_c() -> None:
         assert getattr(lib, name) == int(value, 0), name
 
 
+RECORD_ROW = re.compile(r"^\| (\d+) \| (\w+?)(?:\[(\d+)\])? \| (\w*) ?\| ", re.MULTILINE)
+RECORD_SIZES = {"u8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4, "u64": 8}
+
+
+def test_record_of_a_tick_is_laid_out_as_in_c_and_without_gaps() -> None:
+    body = TEXT[TEXT.index("### `cr_record`, 512 bytes") :]
+    rows = RECORD_ROW.findall(body)
+    in_c = {name: (f.offset, ffi.sizeof(f.type)) for name, f in ffi.typeof("cr_record").fields}
+    at = 0
+    for offset, kind, count, name in rows:
+        assert int(offset) == at
+        size = RECORD_SIZES[kind] * int(count or 1)
+        assert not name or in_c.pop(name) == (at, size), name
+        at += size
+    assert (at, in_c) == (ffi.sizeof("cr_record"), {})
+
+
+def test_bits_of_faults_and_limits_have_the_names_of_c() -> None:
+    for head, text in (
+        ("Fault bits:", lib.cr_servo_fault_text),
+        ("Limit bits:", lib.cr_limit_text),
+    ):
+        line = TEXT[TEXT.index(head) + len(head) :].split(".")[0]
+        for item in line.split(","):
+            bit, name = item.split()
+            assert ffi.string(text(1 << int(bit))).decode() == name
+
+
 class SpecImage:
     """An image read with the tables and formulas of SPEC.md and nothing else."""
 

@@ -48,7 +48,7 @@ typedef struct {
     uint32_t beat, offset;
     int boot, mute, refuse_sdo, mute_heartbeat, stuck;
     int32_t counts; /* as last told */
-    int32_t slide; /* counts added */
+    int32_t slide;  /* counts added */
 } drive;
 
 typedef struct {
@@ -375,12 +375,11 @@ typedef enum {
 static const struct {
     uint32_t fault, ticks;
 } outcomes[DO_COUNT] = {
-    {CR_FAULT_SILENT, 3u},      {CR_FAULT_HEARTBEAT, 252u}, {CR_FAULT_RESET, 1u},   {CR_FAULT_DRIVE, 1u},
-    {CR_FAULT_DRIVE_STATE, 1u}, {CR_FAULT_EMCY, 1u},        {CR_FAULT_JUMP, 1u},    {CR_FAULT_JUMP, 2u},
-    {CR_FAULT_SILENT, 7u},
-    {CR_FAULT_RANGE, 400u},     {CR_FAULT_NOT_FINITE, 1u},  {CR_FAULT_OVERRUN, 1u}, {CR_FAULT_BAD_STATE, 1u},
-    {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_ALIEN, 1u},   {CR_FAULT_ALIEN, 3u},
-    {CR_FAULT_BABBLE, 1u},      {CR_FAULT_BUS_OFF, 1u},     {CR_FAULT_BUS_OFF, 1u},
+    {CR_FAULT_SILENT, 3u},      {CR_FAULT_HEARTBEAT, 252u}, {CR_FAULT_RESET, 1u},      {CR_FAULT_DRIVE, 1u},
+    {CR_FAULT_DRIVE_STATE, 1u}, {CR_FAULT_EMCY, 1u},        {CR_FAULT_JUMP, 1u},       {CR_FAULT_JUMP, 2u},
+    {CR_FAULT_SILENT, 7u},      {CR_FAULT_RANGE, 400u},     {CR_FAULT_NOT_FINITE, 1u}, {CR_FAULT_OVERRUN, 1u},
+    {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_BAD_STATE, 1u},   {CR_FAULT_BAD_STATE, 1u},  {CR_FAULT_ALIEN, 1u},
+    {CR_FAULT_ALIEN, 3u},       {CR_FAULT_BABBLE, 1u},      {CR_FAULT_BUS_OFF, 1u},    {CR_FAULT_BUS_OFF, 1u},
 };
 
 static void add_extra(loop *l, uint16_t id, uint8_t size, uint8_t first, uint8_t second) {

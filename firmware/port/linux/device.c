@@ -31,7 +31,7 @@ typedef struct {
         {name, "rated_" torque, FLOATS, 1, AT(servo.axis[i].rated), 1.0, 1e-3, 1e4},                                   \
         {name, "peak_" torque, FLOATS, 1, AT(servo.axis[i].torque_max), 1.0, 1e-3, 1e4},                               \
         {name, "gravity_" torque, FLOATS, 1, AT(servo.axis[i].gravity), 1.0, -1e4, 1e4},                               \
-        {name, "stuck_" torque, FLOATS, 1, AT(servo.axis[i].stuck), 1.0, 0.0, 1e4}, {                             \
+        {name, "stuck_" torque, FLOATS, 1, AT(servo.axis[i].stuck), 1.0, 0.0, 1e4}, {                                  \
         name, "coulomb_" torque, FLOATS, 1, AT(servo.axis[i].coulomb), 1.0, 0.0, 1e4                                   \
     }
 #define JOINT(name, unit, i)                                                                                           \

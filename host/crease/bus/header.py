@@ -1,4 +1,4 @@
-"""The C table of the simulated drives, and the tables of sim/BUS.md."""
+"""The C table of the simulated drives, and the tables of firmware/SPEC.md."""
 
 from __future__ import annotations
 

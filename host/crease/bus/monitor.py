@@ -251,7 +251,14 @@ class Monitor:
         }
 
 
-_BYTES: Mapping[str, int] = {"SYNC": 0, "NMT": 2, "TORQUE": 6, "WRIST": 6, "CONTROL": 3, "HEARTBEAT": 1}
+_BYTES: Mapping[str, int] = {
+    "SYNC": 0,
+    "NMT": 2,
+    "TORQUE": 6,
+    "WRIST": 6,
+    "CONTROL": 3,
+    "HEARTBEAT": 1,
+}
 
 
 def _length(row: Row) -> int:
