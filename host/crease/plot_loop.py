@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -126,7 +127,7 @@ def _stretches(values: npt.NDArray[Any]) -> list[tuple[int, int]]:
     """First and past-the-last index of every run of equal values."""
     edges = np.flatnonzero(np.diff(values)) + 1
     bounds = [0, *edges.tolist(), len(values)]
-    return list(zip(bounds[:-1], bounds[1:], strict=True))
+    return list(pairwise(bounds))
 
 
 def _draw_state(axes: Axes, table: Table) -> None:
@@ -146,9 +147,8 @@ def _draw_state(axes: Axes, table: Table) -> None:
         ("faults", fault_names, MODE_COLOURS[6]),
     ):
         bits = np.asarray(table[column]).astype(np.int64)
-        for bit in range(32):
-            if (bits >> bit & 1).any():
-                rows.append((names(1 << bit)[0], (bits >> bit & 1) == 1, colour))
+        found = [bit for bit in range(32) if (bits >> bit & 1).any()]
+        rows += [(names(1 << bit)[0], (bits >> bit & 1) == 1, colour) for bit in found]
     height = 0.76 / max(len(rows), 3)
     for number, (_, on, colour) in enumerate(rows):
         top = 0.78 - number * height

@@ -57,7 +57,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Kind:
-    """An injection: rows of the simulator's fault table, input bits of the port, or a frame that somebody else sends."""
+    """An injection: a row of the simulator's fault table, input bits of the port, or a frame of somebody else."""
 
     rule: Rule
     what: dict[str, Any] = field(default_factory=dict)
@@ -138,7 +138,7 @@ class Outcome:
 
 
 def hand(tick: int) -> list[float]:
-    """Target of the tip (m, base) and wrist (rad): from above the wall into it, then pressing and sliding. Deterministic."""
+    """Target of the tip (m, base) and wrist (rad): from above the wall into it, then pressing and sliding."""
     t_s = tick * 1e-3
     depth_m = min(0.020, 0.030 * t_s) + 0.012 * np.sin(2 * np.pi * t_s) * min(1.0, t_s)
     x_m = -0.04 + 0.015 * np.sin(2 * np.pi * 0.7 * t_s)
@@ -181,7 +181,7 @@ def judge(kind: Kind, run: Outcome, rows: npt.NDArray[Any], before: npt.NDArray[
         np.flatnonzero(rows["limits"] & lib.CR_LIMIT_STALE),
     )
     run.limited = int(len(limited) > 0)
-    for name in rows["counters"].dtype.names:
+    for name in rows["counters"].dtype.names or ():
         if name in ("ticks_rendering", "ticks_limited", "limits", "faults"):
             continue
         run.counts[name] += int((rows["counters"][name][-1] != before["counters"][name]).any())
@@ -287,7 +287,8 @@ def injections(scene: Scene, every: int, seconds: float) -> Iterator[tuple[InPro
         at = APPROACH_TICKS + tick
         if tick % every == 0:
             record = lib.cr_servo_get_record(loop.servo.c)
-            assert record.area_count > 0 and record.faults == 0, f"tick {at} is not in contact"
+            assert record.area_count > 0, f"tick {at} is not in contact"
+            assert record.faults == 0
             yield loop, at, tick == 0
         loop.tick(hand(at))
 

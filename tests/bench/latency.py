@@ -2,8 +2,8 @@
 
     python tests/bench/latency.py SCENE.crs [--transport unix|vcan] [--seconds S] [--figure OUT.png]
 
-unix: creased with its socket exchanged for a UNIX one (latency_can.c), drives in a second process: this kernel's scheduler and
-sockets, no CAN. vcan: creased as it is on vcan0. The clock is the machine's; the hand holds the tool in the wall.
+unix: creased with its socket exchanged for a UNIX one (latency_can.c), drives in a second process: this kernel's
+scheduler and sockets, no CAN. vcan: creased as it is on vcan0. The clock is the machine's; the hand holds the tool in the wall.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ deadline_us = 900
 
 @dataclass(frozen=True)
 class Figures:
-    """us; arrays of one value a tick. wake: period began late by. end: SYNC to torque frame sent, where all states came."""
+    """us, one value a tick. wake: period began late by. end: SYNC to torque frame sent, where all states came."""
 
     wake_us: F64
     end_us: F64

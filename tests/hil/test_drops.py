@@ -6,6 +6,7 @@ import socket
 from itertools import count
 
 import can
+from can.interfaces.socketcan import SocketcanBus
 from crease.bus.transport import kernel_drops, open_bus
 from hil_tools import CHANNEL
 
@@ -14,6 +15,7 @@ SENT = 2000
 
 def test_frames_lost_by_the_kernel_are_counted_to_the_frame() -> None:
     with open_bus("socketcan", CHANNEL) as sender, open_bus("socketcan", CHANNEL) as reader:
+        assert isinstance(reader, SocketcanBus)
         reader.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
         assert kernel_drops(reader) == 0
         for _ in range(SENT):

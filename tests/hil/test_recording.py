@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cantools
 import numpy as np
@@ -91,7 +92,8 @@ def test_hil_over_the_bus_turns_the_tool_as_the_path_does(scene: Path, tmp_path:
     head = "t_s,x_m,y_m,z_m,qw,qx,qy,qz"
     np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.9g")
     dbc.write_text(to_dbc(load()), encoding="ascii")
-    wrist = cantools.database.load_file(dbc).get_message_by_name("WRIST")
+    database: Any = cantools.database.load_file(dbc)
+    wrist = database.get_message_by_name("WRIST")
     words = [sys.executable, "-m", "crease", "hil", scene, "--operator", path, "-i", "socketcan"]
     command = [str(word) for word in (*words, "-c", CHANNEL, "-o", record, "--json")]
     heard = []
@@ -104,7 +106,9 @@ def test_hil_over_the_bus_turns_the_tool_as_the_path_does(scene: Path, tmp_path:
                 heard.append(message)
         out, err = hil.communicate()
         assert hil.returncode == 0, err
-    angles = [wrist.decode(m.data)["yaw"] for m in heard if m.arbitration_id == wrist.frame_id]
+    angles = [
+        wrist.decode(bytes(m.data))["yaw"] for m in heard if m.arbitration_id == wrist.frame_id
+    ]
     assert json.loads(out)["faults"] == []
     assert max(angles) == pytest.approx(50.0, abs=0.051)
     states = [m for m in heard if m.arbitration_id == 0x193]

@@ -189,7 +189,9 @@ def test_plot_of_a_run_holds_commanded_and_felt_force_energy_timing_and_state(
     assert lines["commanded"] == pytest.approx(commanded, rel=1e-6)
     energy_mJ = 1e3 * recording.rows["energy_J"].astype(np.float64)
     assert np.asarray(axes[2].lines[0].get_ydata()) == pytest.approx(energy_mJ, rel=1e-6)
-    labels = [text.get_text() for text in axes[4].get_legend().get_texts()]
+    legend = axes[4].get_legend()
+    assert legend is not None
+    labels = [text.get_text() for text in legend.get_texts()]
     assert {"init", "bus-up", "calibrating", "rendering"} <= set(labels)
     for name, table in (("crr", run_crr), ("csv", folder / "run.csv")):
         figure = folder / f"loop_{name}.png"

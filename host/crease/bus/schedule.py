@@ -175,7 +175,7 @@ def compute_budget_us(items: Sequence[Timing], period_us: float = 1000.0) -> flo
 
 
 def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:
-    """The bus as it is, the two that were rejected, and what CAN FD with 12-byte states (the velocity besides) would give."""
+    """The bus as it is, the two that were rejected, and CAN FD with 12-byte states (the velocity besides)."""
     messages = dictionary.messages()
     nodes = [axis.node for axis in dictionary.axes]
     default_emcy = [

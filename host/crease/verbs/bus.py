@@ -122,9 +122,10 @@ def _schedule(args: argparse.Namespace) -> None:
     print(f"\nSYNC, states and torque leave {budget_us:.0f} us of a period for the computation\n")
     print(f"{'layout':26s} {'load cyclic/all':>16s} {'last cyclic':>12s}  feasible  up to")
     for row in rows:
+        fits = "yes" if row["feasible"] else "no"
         print(
             f"{row['layout']:26s} {100 * row['load_cyclic']:8.1f}/{100 * row['load']:.1f} %"
-            f" {_us(row['last_cyclic_us']):>9s} us  {'yes' if row['feasible'] else 'no':8s}  {row['highest_rate_Hz']} Hz"
+            f" {_us(row['last_cyclic_us']):>9s} us  {fits:8s}  {row['highest_rate_Hz']} Hz"
         )
 
 
