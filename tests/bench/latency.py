@@ -3,7 +3,8 @@
     python tests/bench/latency.py SCENE.crs [--transport unix|vcan] [--seconds S] [--figure OUT.png]
 
 unix: creased with its socket exchanged for a UNIX one (latency_can.c), drives in a second process: this kernel's
-scheduler and sockets, no CAN. vcan: creased as it is on vcan0. The clock is the machine's; the hand holds the tool in the wall.
+scheduler and sockets, no CAN. vcan: creased as it is on vcan0. The clock is the machine's; the hand holds the tool in
+the wall.
 """
 
 from __future__ import annotations
