@@ -190,8 +190,7 @@ bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th t
 	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv
 
 # creased with a UNIX socket for its bus: everything but can.c.
-build/gcc/creased-unix: build/gcc/firmware/port/linux/creased.o build/gcc/firmware/port/linux/device.o \
-                        build/gcc/tests/bench/latency_can.o $(FIRMWARE_C:%.c=build/gcc/%.o)
+build/gcc/creased-unix: build/gcc/firmware/port/linux/creased.o build/gcc/tests/bench/latency_can.o build/gcc/libcrease.a
 	@$(CC_gcc) $(CFLAGS_gcc) $^ -lm -lpthread -o $@
 
 build/gcc/latency_drives: build/gcc/tests/bench/latency_drives.o build/gcc/libsim.a
