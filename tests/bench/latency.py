@@ -145,7 +145,7 @@ def draw(runs: Figures, title: str, path: Path) -> None:
             )
             axes.set_xlabel(name)
             axes.set_ylabel("ticks")
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4)
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
         figure.suptitle(title, fontsize=11, fontweight="bold")
         with path.open("wb") as file:
             save_figure(figure, file, "png")
