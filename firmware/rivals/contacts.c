@@ -12,6 +12,7 @@ void cr_rival_look(const cr_respond_input *in, const cr_hit *hit, cr_rival_sampl
     for (uint32_t i = 0; i < s->cluster->count; i++) {
         s->inside |= (uint32_t)(s->at.phi_m[i] < 0.0f) << i;
     }
+    s->inside &= hit->inside; /* the rest of the cluster may be another contact */
 }
 
 float cr_rival_count(const cr_respond_input *in, const cr_rival_samples *s, int lane) {

@@ -62,6 +62,8 @@ class Setup:
     out: Path
     every: int = 1
     repeat: int = 20
+    _meshes: dict[str, Mesh] = field(default_factory=dict, repr=False)
+    _scenes: dict[tuple[str, str], Scene] = field(default_factory=dict, repr=False)
 
     def mesh(self, name: str) -> Mesh:
         """A mesh by name.   Errors: CreaseError, with how to make it."""
@@ -70,7 +72,9 @@ class Setup:
             raise CreaseError(
                 f"{path}: is missing; run `make meshes`, or name its folder with --meshes"
             )
-        return load_mesh(path, UNIT_M)
+        if name not in self._meshes:
+            self._meshes[name] = load_mesh(path, UNIT_M)
+        return self._meshes[name]
 
     def path(self, name: str) -> Trajectory:
         """A recorded path by name, thinned out.   Errors: CreaseError."""
@@ -84,15 +88,22 @@ class Setup:
 
     def scene(self, static: str, tool: str, voxel_mm: float, spacing_mm: float) -> Scene:
         """The image of two meshes: an image already baked when it is of the same meshes, else baked into out/images."""
+        if (static, tool) not in self._scenes:
+            self._scenes[static, tool] = self._find_or_bake(
+                static, tool, voxel_mm * MM, spacing_mm * MM
+            )
+        return self._scenes[static, tool]
+
+    def _find_or_bake(self, static: str, tool: str, voxel_m: float, spacing_m: float) -> Scene:
         from crease.bake import BakeOptions, bake_scene
 
         meshes = self.mesh(static), self.mesh(tool)
         own = self.out / "images" / f"{static}-{tool}.crs"
         for image in (own, *sorted(self.images.glob("*.crs"))):
-            if image.exists() and _is_of(image, meshes, voxel_mm * MM, spacing_mm * MM):
+            if image.exists() and _is_of(image, meshes, voxel_m, spacing_m):
                 return open_scene(image)
         own.parent.mkdir(exist_ok=True)
-        options = BakeOptions(voxel_m=voxel_mm * MM, spacing_m=spacing_mm * MM)
+        options = BakeOptions(voxel_m=voxel_m, spacing_m=spacing_m)
         write_bytes(own, bake_scene(*meshes, options, lambda _label, _part: None).image)
         return open_scene(own)
 
