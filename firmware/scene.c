@@ -145,7 +145,7 @@ static cr_err check_features(const cr_scene *s) {
     for (uint32_t i = 0; i < s->facet_count; i++) {
         const struct cr_img_facet *f = &s->facets[i];
         cr_vec3 n = v3_from(f->normal);
-        if (!floats_are_finite(f->normal, 4) || abs_f(v3_dot(n, n) - 1.0f) > 1e-3f) {
+        if (!floats_are_finite(f->normal, 4) || abs_f(v3_dot(n, n) - 1.0f) > 1e-5f) {
             return CR_ERR_VALUE;
         }
         if (f->patch >= s->meta->patch_count) {
