@@ -148,8 +148,8 @@ static void flip_every_bit(subject *s) {
 
 static void every_bit_of_a_convex_edge(void **state) {
     (void)state;
-    const crt_solid box = crt_box(-24e-3, 20.8e-3, 24e-3, -20.8e-3, 0.0);
-    const uint32_t low[3] = {7u, 4u, 3u}, high[3] = {8u, 6u, 5u};
+    const crt_solid box = crt_box(-8e-3, 4.8e-3, 16e-3, -4.8e-3, 0.0);
+    const uint32_t low[3] = {3u, 3u, 1u}, high[3] = {4u, 5u, 3u};
     subject s = make("convex edge", &box, 1e-3, low, high);
     flip_every_bit(&s);
     drop(&s);
@@ -157,8 +157,8 @@ static void every_bit_of_a_convex_edge(void **state) {
 
 static void every_bit_of_a_concave_edge(void **state) {
     (void)state;
-    const crt_solid room = crt_room(-24e-3, 20.8e-3, 24e-3, -20.8e-3, 0.0);
-    const uint32_t low[3] = {7u, 4u, 4u}, high[3] = {8u, 6u, 5u};
+    const crt_solid room = crt_room(-8e-3, 4.8e-3, 16e-3, -4.8e-3, 0.0);
+    const uint32_t low[3] = {3u, 3u, 2u}, high[3] = {4u, 5u, 3u};
     subject s = make("concave edge", &room, 1e-3, low, high);
     flip_every_bit(&s);
     drop(&s);
