@@ -171,7 +171,7 @@ static cr_err check_features(const cr_scene *s) {
 
 static cr_err check_group(const cr_scene *s, uint32_t index) {
     const struct cr_img_group *g = &s->groups[index];
-    if (!floats_are_finite(g->x, 6u * CR_LANES)) {
+    if (!floats_are_finite(g->x, (size_t)6u * CR_LANES)) {
         return CR_ERR_VALUE;
     }
     if (g->count < 1u || g->count > CR_LANES || g->level >= s->meta->levels || (index == 0u && g->level != 0u)) {
@@ -210,7 +210,7 @@ static cr_err check_shell(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->cluster_count; i++) {
         const struct cr_img_cluster *c = &s->clusters[i];
-        if (!floats_are_finite(c->x, 16u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
+        if (!floats_are_finite(c->x, (size_t)16u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
             !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
             return CR_ERR_VALUE;
         }

@@ -21,9 +21,12 @@ HEADER = ",".join(COLUMNS).encode("ascii") + b"\n"
 def check_path(path: Trajectory) -> None:
     """What the replay takes for granted of a path."""
     steps = np.diff(path.t_s)
-    assert path.rows.dtype == np.float64 and path.rows.shape == (len(path), len(COLUMNS))
-    assert len(path) > 0 and bool(np.isfinite(path.rows).all())
-    assert bool((steps > 0.0).all()) and bool((steps <= PERIOD_MAX_S).all())
+    assert path.rows.dtype == np.float64
+    assert path.rows.shape == (len(path), len(COLUMNS))
+    assert len(path) > 0
+    assert bool(np.isfinite(path.rows).all())
+    assert bool((steps > 0.0).all())
+    assert bool((steps <= PERIOD_MAX_S).all())
     assert bool((np.abs(np.linalg.norm(path.rows[:, 4:], axis=1) - 1.0) < 1e-12).all())
     assert path.first_period_s > 0.0
 
