@@ -287,10 +287,6 @@ void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_serv
 
 /* ----------------------------------------------------------------------------------------------------- checking */
 
-int cr_bus_all_fresh(const cr_bus *bus) {
-    return bus->drive[0].state_count > 0u && bus->drive[1].state_count > 0u && bus->drive[2].state_count > 0u;
-}
-
 static uint32_t status_of(const cr_drive *drive) { return drive->status & STATUS_MASK; }
 
 /* Next control word on the way to OPERATION ENABLED; a fault of before the start is reset on the way. */

@@ -94,6 +94,10 @@ static cr_err check_meta(const struct cr_img_meta *m) {
         m->levels > CR_TREE_DEPTH_MAX) {
         return CR_ERR_VALUE;
     }
+    /* Samples span the band: no distance is beyond it. */
+    if (abs_f(m->quantum_m * 32767.0f - m->band_m) > 1e-3f * m->band_m) {
+        return CR_ERR_VALUE;
+    }
     return CR_OK;
 }
 

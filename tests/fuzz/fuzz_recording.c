@@ -8,19 +8,19 @@
 
 static void run(const cr_servo_config *config, const uint8_t *bytes, uint32_t count) {
     static cr_record out[RECORDS_MAX];
-    const size_t size = cr_servo_size(crf_scene(), config);
+    const size_t size = cr_servo_size(crt_plate_scene(), config);
     cr_record *records = malloc(count * sizeof *records);
     void *memory = aligned_alloc(64, size);
     cr_servo *servo = NULL;
     cr_rerun result = {0};
     HOLDS(size > 0u && records != NULL && memory != NULL);
     memcpy(records, bytes, count * sizeof *records);
-    HOLDS(cr_servo_init(&servo, memory, size, crf_scene(), config) == CR_OK);
+    HOLDS(cr_servo_init(&servo, memory, size, crt_plate_scene(), config) == CR_OK);
     HOLDS(cr_servo_rerun(servo, records, count, &result, out) == CR_OK);
     HOLDS(result.records <= count && result.different <= result.records);
     HOLDS(result.records == count || result.gap == 1u);
     for (uint32_t i = 0; i < result.records; i++) {
-        crf_check_record(config, &out[i]);
+        crt_check_record(config, &out[i]);
     }
     free(memory);
     free(records);
@@ -50,7 +50,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
 /* ---- the mutator ------------------------------------------------------------------------------------------------- */
 
 static size_t good_recording(uint8_t *data, size_t max_size) {
-    static crf_rig rig;
+    static crt_servo_rig rig;
     static int made;
     cr_servo_config config = cr_servo_config_default();
     config.period_s = 12e-3f;
@@ -60,10 +60,10 @@ static size_t good_recording(uint8_t *data, size_t max_size) {
         config.axis[a].jump_max *= 10.0f;
     }
     if (!made) {
-        HOLDS(crf_start(&rig, &config) && crf_bring_up(&rig, PERIOD_NS, RECORDS_MAX));
+        HOLDS(crt_servo_start(&rig, &config) && crt_servo_bring_up(&rig, PERIOD_NS, RECORDS_MAX));
         for (int k = 0; k < 30; k++) {
             rig.drives[k % 3].counts += k % 5 - 2;
-            crf_period(&rig, PERIOD_NS);
+            crt_servo_period(&rig, PERIOD_NS);
         }
         made = 1;
     }

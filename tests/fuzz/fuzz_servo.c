@@ -29,7 +29,7 @@ static float take_float(script *s) {
 /* ---- where a script begins --------------------------------------------------------------------------------------- */
 
 /* Two rigs: one before its first tick, one in contact; memory as it was then. */
-static crf_rig rigs[2], saved[2];
+static crt_servo_rig rigs[2], saved[2];
 static uint8_t *memories[2];
 
 static void make_rigs(void) {
@@ -37,8 +37,8 @@ static void make_rigs(void) {
         cr_servo_config config = cr_servo_config_default();
         config.world.stiffness_N_m = 800.0f;
         config.control.contact_damping_Ns_m = 2.0f;
-        HOLDS(crf_start(&rigs[i], &config));
-        HOLDS(i == 0 || crf_bring_up(&rigs[i], 1000000u, 3000u));
+        HOLDS(crt_servo_start(&rigs[i], &config));
+        HOLDS(i == 0 || crt_servo_bring_up(&rigs[i], 1000000u, 3000u));
         rigs[i].record_count = 0u;
         saved[i] = rigs[i];
         memories[i] = malloc(rigs[i].memory_bytes);
@@ -47,7 +47,7 @@ static void make_rigs(void) {
     }
 }
 
-static crf_rig *begin(int which) {
+static crt_servo_rig *begin(int which) {
     if (memories[0] == NULL) {
         make_rigs();
     }
@@ -58,7 +58,7 @@ static crf_rig *begin(int which) {
 
 /* ---- the words of a script --------------------------------------------------------------------------------------- */
 
-static void any_frame(crf_rig *rig, script *s) {
+static void any_frame(crt_servo_rig *rig, script *s) {
     static const uint16_t ids[16] = {0x000, 0x080, 0x091, 0x181, 0x191, 0x192, 0x193, 0x211,
                                      0x591, 0x593, 0x611, 0x691, 0x701, 0x711, 0x712, 0x713};
     const uint32_t how = take(s, 1);
@@ -73,9 +73,9 @@ static void any_frame(crf_rig *rig, script *s) {
 }
 
 /* The encoders, and sometimes the state, of one drive. */
-static void move_drive(crf_rig *rig, script *s) {
+static void move_drive(crt_servo_rig *rig, script *s) {
     const uint32_t how = take(s, 1);
-    crf_drive *d = &rig->drives[how % CR_AXES];
+    crt_drive *d = &rig->drives[how % CR_AXES];
     if ((how & 0x80u) == 0u) {
         d->counts = (int32_t)((uint32_t)d->counts + (uint32_t)(int8_t)take(s, 1));
     } else if ((how & 0x40u) == 0u) {
@@ -86,7 +86,7 @@ static void move_drive(crf_rig *rig, script *s) {
 }
 
 /* One number of the configuration, if the whole stays valid. */
-static void set_number(crf_rig *rig, script *s) {
+static void set_number(crt_servo_rig *rig, script *s) {
     cr_servo_config config = rig->servo->config;
     const uint32_t words = (uint32_t)(offsetof(cr_servo_config, world) / 4u), at = take(s, 2) % words;
     const uint32_t how = take(s, 1);
@@ -99,7 +99,7 @@ static void set_number(crf_rig *rig, script *s) {
     }
 }
 
-static void one_word(crf_rig *rig, script *s, uint32_t word) {
+static void one_word(crt_servo_rig *rig, script *s, uint32_t word) {
     cr_tx tx;
     int32_t wrist[3];
     switch (word & 15u) {
@@ -108,7 +108,7 @@ static void one_word(crf_rig *rig, script *s, uint32_t word) {
     case 2:
     case 3: /* periods as they should be */
         for (uint32_t n = word >> 4; n < 16u && rig->tick < TICKS_MAX + saved[1].tick; n += 4u) {
-            crf_period(rig, 1000000u);
+            crt_servo_period(rig, 1000000u);
         }
         break;
     case 4:
@@ -120,20 +120,20 @@ static void one_word(crf_rig *rig, script *s, uint32_t word) {
         any_frame(rig, s);
         break;
     case 8:
-        crf_drives_speak(rig);
+        crt_drives_speak(rig);
         break;
     case 9:
         rig->now_ns += (uint64_t)take(s, 2) << (word >> 4);
         cr_servo_sync(rig->servo, rig->now_ns, &tx);
         break;
     case 10: /* a tick at any time: before the SYNC, or much later */
-        crf_tick(rig, rig->now_ns + ((uint64_t)take(s, 2) << (word >> 4)) - 1000u, take_float(s));
+        crt_servo_tick(rig, rig->now_ns + ((uint64_t)take(s, 2) << (word >> 4)) - 1000u, take_float(s));
         break;
     case 11:
-        crf_tick(rig, rig->now_ns + 300000u, 1e-3f);
+        crt_servo_tick(rig, rig->now_ns + 300000u, 1e-3f);
         break;
     case 12:
-        crf_input(rig, take(s, 1));
+        crt_servo_input(rig, take(s, 1));
         break;
     case 13:
         for (int k = 0; k < 3; k++) {
@@ -152,12 +152,12 @@ static void one_word(crf_rig *rig, script *s, uint32_t word) {
 
 /* The settings change between ticks in a script, and a recording has one of them: only scripts without are run again. */
 static void run_again(int which) {
-    const crf_rig *rig = &rigs[which];
-    static cr_record records[CRF_RECORDS_MAX];
+    const crt_servo_rig *rig = &rigs[which];
+    static cr_record records[CRT_RECORDS_MAX];
     const uint32_t count = rig->record_count;
     cr_rerun result = {0};
     memcpy(records, rig->records, count * sizeof *records);
-    crf_rig *again = begin(which);
+    crt_servo_rig *again = begin(which);
     HOLDS(cr_servo_rerun(again->servo, records, count, &result, NULL) == CR_OK);
     HOLDS(result.records == count && result.different == 0u && result.gap == 0u);
 }
@@ -168,7 +168,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     const int which = data[0] & 1;
     script s = {data + 1, data + size};
-    crf_rig *rig = begin(which);
+    crt_servo_rig *rig = begin(which);
     int changed = 0;
     while (s.at < s.end && rig->tick < TICKS_MAX + saved[1].tick) {
         const uint32_t word = take(&s, 1);

@@ -317,6 +317,7 @@ static void scene_refuses_numbers_without_meaning(void **state) {
     } bad[] = {
         {offsetof(struct cr_img_meta, brick_m), 0.0f},        {offsetof(struct cr_img_meta, brick_m), 1e5f},
         {offsetof(struct cr_img_meta, band_m), 0.0f},         {offsetof(struct cr_img_meta, quantum_m), -1.0f},
+        {offsetof(struct cr_img_meta, band_m), 1e3f},         {offsetof(struct cr_img_meta, quantum_m), 1e4f},
         {offsetof(struct cr_img_meta, error_out_m), -1e-6f},  {offsetof(struct cr_img_meta, error_in_m), -1e-6f},
         {offsetof(struct cr_img_meta, root_radius_m), -1.0f}, {offsetof(struct cr_img_meta, ramp_max_m), -1.0f},
         {offsetof(struct cr_img_meta, crease_m), -1.0f},      {offsetof(struct cr_img_meta, tool_radius_m), -1.0f}};

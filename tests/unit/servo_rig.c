@@ -1,32 +1,44 @@
 /* The servo among obedient drives: see the header. */
 #include "servo_rig.h"
 
-#include "fuzz.h"
 #include "image_builder.h"
 
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
-const cr_scene *crf_scene(void) {
+/* Not an assertion of a test: the fuzzer uses this too. */
+#define HOLDS(condition)                                                                                               \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            fprintf(stderr, "%s:%d: does not hold: %s\n", __FILE__, __LINE__, #condition);                             \
+            abort();                                                                                                   \
+        }                                                                                                              \
+    } while (0)
+
+const cr_scene *crt_plate_scene(void) {
     static cr_scene scene;
     if (scene.meta == NULL) {
         const crt_solid block = crt_box(-0.016, 0.016, 0.016, -0.02, 5e-4);
-        uint32_t bytes;
+        uint32_t bytes = 0u;
         crt_tool plate = crt_plate();
-        HOLDS(cr_scene_open(&scene, crt_image(&block, &plate, 0.004, &bytes), bytes) == CR_OK);
+        const uint8_t *image = crt_image(&block, &plate, 0.004, &bytes);
+        HOLDS(cr_scene_open(&scene, image, bytes) == CR_OK);
         crt_tool_free(&plate);
     }
     return &scene;
 }
 
-int crf_start(crf_rig *rig, const cr_servo_config *config) {
+int crt_servo_start(crt_servo_rig *rig, const cr_servo_config *config) {
     memset(rig, 0, sizeof *rig);
-    rig->memory_bytes = cr_servo_size(crf_scene(), config);
+    rig->memory_bytes = cr_servo_size(crt_plate_scene(), config);
     if (rig->memory_bytes == 0u) {
         return 0;
     }
     rig->memory = aligned_alloc(64, rig->memory_bytes);
     HOLDS(rig->memory != NULL);
-    HOLDS(cr_servo_init(&rig->servo, rig->memory, rig->memory_bytes, crf_scene(), config) == CR_OK);
+    HOLDS(cr_servo_init(&rig->servo, rig->memory, rig->memory_bytes, crt_plate_scene(), config) == CR_OK);
     for (int a = 0; a < CR_AXES; a++) {
         const cr_axis_config *x = &config->axis[a];
         static const float rest[CR_AXES] = {0.0f, 0.78539816f, -0.78539816f};
@@ -38,9 +50,9 @@ int crf_start(crf_rig *rig, const cr_servo_config *config) {
     return 1;
 }
 
-void crf_stop(crf_rig *rig) { free(rig->memory); }
+void crt_servo_stop(crt_servo_rig *rig) { free(rig->memory); }
 
-void crf_input(crf_rig *rig, uint32_t bits) {
+void crt_servo_input(crt_servo_rig *rig, uint32_t bits) {
     rig->inputs |= bits;
     cr_servo_input(rig->servo, bits);
 }
@@ -60,7 +72,7 @@ static uint16_t status_after(uint16_t status, uint16_t control) {
     }
 }
 
-static void hear(crf_drive *d, uint32_t axis, const cr_frame *f) {
+static void hear(crt_drive *d, uint32_t axis, const cr_frame *f) {
     if (f->id == 0x000u) {
         d->operational = f->data[0] == 0x01u;
         d->boot = f->data[0] == 0x82u;
@@ -73,8 +85,8 @@ static void hear(crf_drive *d, uint32_t axis, const cr_frame *f) {
     }
 }
 
-static void speak(crf_rig *rig, uint32_t axis) {
-    crf_drive *d = &rig->drives[axis];
+static void speak(crt_servo_rig *rig, uint32_t axis) {
+    crt_drive *d = &rig->drives[axis];
     if (d->operational) {
         cr_frame state = {(uint16_t)(0x191u + axis), 8u, 0u, {0}};
         for (int k = 0; k < 4; k++) {
@@ -100,7 +112,7 @@ static void speak(crf_rig *rig, uint32_t axis) {
     }
 }
 
-void crf_drives_speak(crf_rig *rig) {
+void crt_drives_speak(crt_servo_rig *rig) {
     for (uint32_t a = 0; a < CR_AXES; a++) {
         speak(rig, a);
     }
@@ -110,7 +122,7 @@ void crf_drives_speak(crf_rig *rig) {
 
 static void check_vector(cr_vec3 v) { HOLDS(isfinite(v.x) && isfinite(v.y) && isfinite(v.z)); }
 
-void crf_check_record(const cr_servo_config *config, const cr_record *r) {
+void crt_check_record(const cr_servo_config *config, const cr_record *r) {
     const int rendering = r->mode == CR_MODE_RENDERING || r->mode == CR_MODE_LIMITED;
     HOLDS(r->mode < CR_MODE_COUNT && (r->faults != 0u) == (r->mode == CR_MODE_FAULT));
     HOLDS((r->mode == CR_MODE_LIMITED) == (r->limits != 0u));
@@ -133,7 +145,7 @@ void crf_check_record(const cr_servo_config *config, const cr_record *r) {
           2.0f * (config->control.force_max_N + config->control.passivity_damping_max_Ns_m * 1e3f) * 1e6f);
 }
 
-static void check_frames(const crf_rig *rig, const cr_record *r) {
+static void check_frames(const crt_servo_rig *rig, const cr_record *r) {
     HOLDS(rig->tx.count <= CR_TX_MAX);
     for (uint32_t i = 0; i < rig->tx.count; i++) {
         HOLDS(rig->tx.frames[i].id <= 0x7ffu && rig->tx.frames[i].size <= 8u);
@@ -147,15 +159,15 @@ static void check_frames(const crf_rig *rig, const cr_record *r) {
     }
 }
 
-void crf_tick(crf_rig *rig, uint64_t now_ns, float period_s) {
+void crt_servo_tick(crt_servo_rig *rig, uint64_t now_ns, float period_s) {
     cr_servo_tick(rig->servo, now_ns, period_s, &rig->tx);
     const cr_record *r = cr_servo_get_record(rig->servo);
     const cr_servo_status status = cr_servo_get_status(rig->servo);
-    crf_check_record(&rig->servo->config, r);
+    crt_check_record(&rig->servo->config, r);
     check_frames(rig, r);
     HOLDS(status.mode == r->mode && status.faults == r->faults);
     HOLDS(rig->was_mode != CR_MODE_FAULT || r->mode == CR_MODE_FAULT || (rig->inputs & CR_COMMAND_CLEAR) != 0u);
-    if (rig->record_count < CRF_RECORDS_MAX) {
+    if (rig->record_count < CRT_RECORDS_MAX) {
         rig->records[rig->record_count++] = *r;
     }
     rig->was_mode = r->mode;
@@ -168,19 +180,19 @@ void crf_tick(crf_rig *rig, uint64_t now_ns, float period_s) {
     }
 }
 
-void crf_period(crf_rig *rig, uint64_t period_ns) {
+void crt_servo_period(crt_servo_rig *rig, uint64_t period_ns) {
     cr_tx sync;
     rig->now_ns += period_ns;
     cr_servo_sync(rig->servo, rig->now_ns, &sync);
-    crf_drives_speak(rig);
-    crf_tick(rig, rig->now_ns + period_ns / 3u, (float)period_ns * 1e-9f);
+    crt_drives_speak(rig);
+    crt_servo_tick(rig, rig->now_ns + period_ns / 3u, (float)period_ns * 1e-9f);
 }
 
-int crf_bring_up(crf_rig *rig, uint64_t period_ns, uint32_t periods_max) {
+int crt_servo_bring_up(crt_servo_rig *rig, uint64_t period_ns, uint32_t periods_max) {
     for (uint32_t k = 0; k < periods_max; k++) {
-        crf_period(rig, period_ns);
+        crt_servo_period(rig, period_ns);
         if (rig->was_mode == CR_MODE_IDLE) {
-            crf_input(rig, CR_COMMAND_START);
+            crt_servo_input(rig, CR_COMMAND_START);
         } else if (cr_mode_is_rendering(rig->was_mode) && cr_servo_get_record(rig->servo)->area_count > 0u) {
             return 1;
         }
