@@ -1,4 +1,5 @@
 /* What a servo meets seldom: calls out of order, frames that are none, commands at odd times, hostile records. */
+#include "image.h"
 #include "servo_rig.h"
 
 #include <math.h>
@@ -196,6 +197,25 @@ static void calibration_waits_for_drives_that_answer_and_rest(void **state) {
     assert_int_equal(mode(), CR_MODE_IDLE);
 }
 
+/* What the world answers goes on as it is; when the memory of its image fails, the servo stops. */
+static void world_that_faults_stops_the_servo(void **state) {
+    (void)state;
+    const cr_record *r = cr_servo_get_record(rig.servo);
+    const cr_output *output = cr_servo_get_output(rig.servo);
+    assert_true(output->area_count == 1u && output->depth_m == r->depth_m);
+    struct cr_img_cluster *c = (struct cr_img_cluster *)(uintptr_t)crt_plate_scene()->clusters;
+    struct cr_img_cluster kept[3];
+    assert_int_equal(crt_plate_scene()->cluster_count, 3);
+    memcpy(kept, c, sizeof kept);
+    for (int i = 0; i < 3; i++) {
+        c[i].x[1] = NAN;
+    }
+    crt_servo_period(&rig, MS);
+    memcpy(c, kept, sizeof kept);
+    assert_int_equal(cr_servo_get_status(rig.servo).first_fault, CR_FAULT_NOT_FINITE);
+    assert_true(torque_is_zero());
+}
+
 static void names_of_bits_that_do_not_exist_are_unknown(void **state) {
     (void)state;
     assert_string_equal(cr_limit_text(1u << CR_LIMIT_COUNT), "unknown");
@@ -314,6 +334,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(send_that_fails_matters_only_while_rendering, in_contact, power_off),
         cmocka_unit_test_teardown(elbow_beyond_its_range_is_a_fault, power_off),
         cmocka_unit_test_setup_teardown(calibration_waits_for_drives_that_answer_and_rest, power_on, power_off),
+        cmocka_unit_test_setup_teardown(world_that_faults_stops_the_servo, in_contact, power_off),
         cmocka_unit_test(names_of_bits_that_do_not_exist_are_unknown),
         cmocka_unit_test_setup_teardown(re_run_takes_early_frames_and_stops_at_a_gap_for_good, power_on, power_off),
         cmocka_unit_test_setup_teardown(record_that_claims_more_frames_than_it_has_is_cut, power_on, power_off),
