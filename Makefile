@@ -14,7 +14,7 @@ PY := $(VENV)/bin/python
 CREASE := $(VENV)/bin/crease
 
 APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev pkg-config \
-       clang clang-format clang-tidy cppcheck gcovr valgrind
+       clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -27,12 +27,13 @@ PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C))
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
+FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
-C_ALL := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(wildcard tests/check/*.c tests/bench/*.c) $(C_HEADERS)
+C_ALL := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -128,7 +129,9 @@ CFLAGS_clang := -O2 -g
 CC_san := gcc
 CFLAGS_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 CC_cov := gcc
-CFLAGS_cov := -O0 -g --coverage
+CFLAGS_cov := -O0 -g --coverage -DNDEBUG
+CC_fuzz := clang
+CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
 C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -DCR_RIVALS -ffp-contract=off -fno-math-errno
 INCLUDES := -Ifirmware -Ifirmware/port/linux -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
@@ -158,7 +161,7 @@ build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcreas
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 endef
-$(foreach variant,gcc clang san cov,$(eval $(call VARIANT,$(variant))))
+$(foreach variant,gcc clang san cov fuzz,$(eval $(call VARIANT,$(variant))))
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
@@ -172,12 +175,33 @@ test: build/.host build/.browser build/gcc/creased c-tests-gcc c-tests-san build
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
 	$(PY) tests/run.py --c-tests build/san/tests --only-c
 
-coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp ## lines and branches that the tests reach, C and Python
-	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
-	$(PY) tests/run.py --c-tests build/cov/tests --only-c
-	gcovr --root . --filter 'firmware/' --filter 'host/native/' --filter 'sim/' build/cov
-	gcovr --root . --filter 'firmware/' --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -3
+# Seconds of the clock, shared by all targets of tests/fuzz/run.py.
+FUZZ_SECONDS ?= 60
+
+fuzz: build/.host $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
+
+build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libcrease.a build/fuzz/libsim.a
+	@$(CC_fuzz) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_fuzz)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
+
+# 2.8 hours of rendering, in 4 minutes.
+SOAK_TICKS ?= 10000000
+
+soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual time, or SOAK_TICKS=
+	CREASE_SOAK_TICKS=$(SOAK_TICKS) build/gcc/tests/test_soak
+
+coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
+	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
+
+# The long one reaches nothing that the others do not.
+COVERING := $(filter-out test_soak,$(TEST_NAMES))
+
+coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of firmware/*.c
+	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
+	@for t in $(COVERING); do build/cov/tests/$$t >build/coverage/$$t.log 2>&1 || { cat build/coverage/$$t.log; exit 1; }; done
+	gcovr --root . --filter 'firmware/[^/]*\.[ch]$$' --branches --print-summary \
+	    --fail-under-line 100 --fail-under-branch 95 build/cov
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py --figures build/bench
@@ -227,14 +251,36 @@ hil: build/.host build/gcc/creased hil-kernel ## tests on a real vcan: native, o
 lint: build/.host ## format, static analysis and types: C and Python
 	@$(MAKE) --no-print-directory --keep-going $(LINTS)
 
-LINTS := lint-clang-format lint-clang-tidy lint-cppcheck lint-ruff lint-mypy
+LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-ruff lint-mypy
+
+SHIPPED_C := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+STRICT := $(WARNINGS) -Werror -Wsign-conversion -Wdouble-promotion -Wvla -Wundef -Wstrict-prototypes -Wmissing-prototypes
+
+# With optimisation: some warnings need the data flow.
+lint-warnings:
+	@echo "gcc, clang -Werror: $(SHIPPED_C)"
+	@for f in $(SHIPPED_C); do \
+	    gcc $(C_STD) $(INCLUDES) -O2 $(STRICT) -Wlogical-op -Wduplicated-cond -c $$f -o /dev/null; \
+	    clang $(C_STD) $(INCLUDES) -O2 $(STRICT) -Wcomma -Wunreachable-code -c $$f -o /dev/null; done
+
+# Without optimisation, which gcc 12 needs to follow loops that fill an array.
+lint-analyzer:
+	@echo "gcc -fanalyzer: $(SHIPPED_C)"
+	@for f in $(SHIPPED_C); do gcc $(C_STD) $(INCLUDES) -O0 -fanalyzer -Werror -c $$f -o /dev/null; done
+
+# Deviations and their reasons: tests/check/misra.csv.
+lint-misra:
+	$(PY) tests/check/misra.py --std=c11 -D__GNUC__ -Ifirmware --suppress=missingIncludeSystem -- $(FIRMWARE_C)
+
+lint-structure:
+	$(PY) tests/check/structure.py gcc $(C_STD) -Ifirmware -- $(FIRMWARE_C)
 
 lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
 
 lint-clang-tidy:
-	@echo clang-tidy $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
-	@clang-tidy --quiet --warnings-as-errors='*' $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	@echo clang-tidy $(SHIPPED_C)
+	@clang-tidy --quiet --warnings-as-errors='*' $(SHIPPED_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
 	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
 
 lint-cppcheck:
@@ -258,5 +304,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize coverage bench bench-loop bench-faults bench-latency hil hil-kernel hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-loop bench-faults bench-latency hil hil-kernel hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -75,7 +75,7 @@ typedef struct {
 /* A mapping changes in the order of CiA 301: PDO off, count 0, entries, count, PDO on. */
 static const sdo_step steps[] = {
     {0x1017, 0, 2, ADD_HEARTBEAT, 0, 0},
-    {0x1016, 1, 4, ADD_CONSUMER, 0, NODE_HOST << 16},
+    {0x1016, 1, 4, ADD_CONSUMER, 0, (uint32_t)NODE_HOST << 16},
     {0x1014, 0, 4, ADD_AXIS, 0, INVALID | (ID_EMCY + NODE_FIRST)},
     {0x1015, 0, 2, ADD_NONE, 0, 100}, /* 10 ms in 100 us */
     {0x1014, 0, 4, ADD_AXIS, 0, ID_EMCY + NODE_FIRST},
@@ -323,10 +323,6 @@ void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_serv
 
 /* ----------------------------------------------------------------------------------------------------- checking */
 
-int cr_bus_all_fresh(const cr_bus *bus) {
-    return bus->drive[0].state_count > 0u && bus->drive[1].state_count > 0u && bus->drive[2].state_count > 0u;
-}
-
 static uint32_t status_of(const cr_drive *drive) { return drive->status & STATUS_MASK; }
 
 /* Next control word on the way to OPERATION ENABLED; a fault of before the start is reset on the way. */
@@ -541,7 +537,7 @@ void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t tar
     }
     cr_frame *torque = add_frame(tx, ID_TORQUE, 6u);
     for (uint32_t a = 0; a < CR_AXES; a++) {
-        put_u16(torque->data + 2u * a, (uint32_t)(uint16_t)target[a]);
+        put_u16(&torque->data[(size_t)2u * a], (uint32_t)(uint16_t)target[a]);
     }
     if (bus->reset_due) {
         send_nmt(tx, NMT_RESET_COMMUNICATION);

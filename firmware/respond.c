@@ -179,9 +179,7 @@ static cr_vec3 acting_point(const cr_respond_input *in, const cr_area_work *a, c
         mine_weight += w->alpha[i] * share[i];
         all_weight += w->alpha[i];
     }
-    if (!(mine_weight > 0.0f) || !(all_weight > 0.0f)) {
-        return centre;
-    }
+    /* Neither weight is zero: the group has a direction. */
     return v3_add(centre, v3_sub(v3_scale(mine, 1.0f / mine_weight), v3_scale(all, 1.0f / all_weight)));
 }
 

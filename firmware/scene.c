@@ -94,6 +94,10 @@ static cr_err check_meta(const struct cr_img_meta *m) {
         m->levels > CR_TREE_DEPTH_MAX) {
         return CR_ERR_VALUE;
     }
+    /* Samples span the band: no distance is beyond it. */
+    if (abs_f(m->quantum_m * 32767.0f - m->band_m) > 1e-3f * m->band_m) {
+        return CR_ERR_VALUE;
+    }
     return CR_OK;
 }
 
@@ -145,7 +149,7 @@ static cr_err check_features(const cr_scene *s) {
     for (uint32_t i = 0; i < s->facet_count; i++) {
         const struct cr_img_facet *f = &s->facets[i];
         cr_vec3 n = v3_from(f->normal);
-        if (!floats_are_finite(f->normal, 4) || abs_f(v3_dot(n, n) - 1.0f) > 1e-3f) {
+        if (!floats_are_finite(f->normal, 4) || abs_f(v3_dot(n, n) - 1.0f) > 1e-5f) {
             return CR_ERR_VALUE;
         }
         if (f->patch >= s->meta->patch_count) {
@@ -171,7 +175,7 @@ static cr_err check_features(const cr_scene *s) {
 
 static cr_err check_group(const cr_scene *s, uint32_t index) {
     const struct cr_img_group *g = &s->groups[index];
-    if (!floats_are_finite(g->x, 6u * CR_LANES)) {
+    if (!floats_are_finite(g->x, (size_t)6u * CR_LANES)) {
         return CR_ERR_VALUE;
     }
     if (g->count < 1u || g->count > CR_LANES || g->level >= s->meta->levels || (index == 0u && g->level != 0u)) {
@@ -210,7 +214,7 @@ static cr_err check_shell(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->cluster_count; i++) {
         const struct cr_img_cluster *c = &s->clusters[i];
-        if (!floats_are_finite(c->x, 16u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
+        if (!floats_are_finite(c->x, (size_t)16u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
             !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
             return CR_ERR_VALUE;
         }

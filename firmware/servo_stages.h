@@ -161,9 +161,6 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
 void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t target[CR_AXES], int off, uint64_t now_ns,
                      cr_servo_counters *counters, cr_tx *tx);
 
-/* Output  1 when every drive answered this period's SYNC. */
-int cr_bus_all_fresh(const cr_bus *bus);
-
 /* Purpose  a joint torque in per mille of rated, rounded to nearest, clamped to `limit` and to int16; 0 for not-a-number. */
 int16_t cr_per_mille(float torque, float rated, float limit);
 

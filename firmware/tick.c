@@ -190,14 +190,15 @@ static cr_vec3 display_shift(const cr_output *out) {
     return u;
 }
 
-/* Not a number anywhere in the answer: nothing is felt, and it stays so. */
-static void fault_when_not_finite(cr_world *w, cr_output *out) {
+/* Not a number anywhere in the answer: nothing is felt, nothing is moved for the eye, and it stays so. */
+static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     if (v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && is_finite_f(out->depth_m) &&
         v3_is_finite(out->display_pose.pos_m)) {
         return;
     }
     out->force_world_N = out->torque_world_Nm = out->normal_world = v3(0.0f, 0.0f, 0.0f);
     out->depth_m = 0.0f;
+    out->display_pose.pos_m = pos_m;
     out->area_count = out->zone_count = 0u;
     w->faults |= CR_FAULT_NUMBER;
     out->faults = w->faults;
@@ -217,8 +218,7 @@ static void answer(cr_world *w, const xform *now, float period_s, cr_output *out
     sum_wrench(&w->config, now->t, out);
     cr_vec3 pos_m = out->display_pose.pos_m;
     out->display_pose.pos_m = v3_add(pos_m, display_shift(out));
-    fault_when_not_finite(w, out);
-    out->display_pose.pos_m = v3_is_finite(out->display_pose.pos_m) ? out->display_pose.pos_m : pos_m;
+    fault_when_not_finite(w, pos_m, out);
 }
 
 void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {

@@ -106,7 +106,7 @@ static void send(cr_node *node, const cr_sim_frame *frame) {
 static void send_heartbeat(cr_node *node, uint64_t now_us) {
     const cr_sim_frame frame = {.id = 0x700u + node->node, .len = 1, .data = {node->nmt}};
     send(node, &frame);
-    node->heartbeat_due_us = now_us + 1000u * cr_node_get(node, 0x1017, 0);
+    node->heartbeat_due_us = now_us + (uint64_t)1000u * cr_node_get(node, 0x1017, 0);
 }
 
 /* ------------------------------------------------------------------------------------------------------------------------ PDO */
@@ -402,7 +402,7 @@ static void sdo_serve(cr_node *node, const cr_sim_frame *frame, uint64_t now_us)
         sdo_reply(node, 0x60u, multiplexor, 0u);
     } else {
         const uint8_t unused = (uint8_t)(4u - cr_od_entries[at].bits / 8u);
-        sdo_reply(node, (uint8_t)(0x43u | unused << 2), multiplexor, node->value[at]);
+        sdo_reply(node, (uint8_t)(0x43u | (unsigned)unused << 2), multiplexor, node->value[at]);
     }
 }
 

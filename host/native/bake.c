@@ -617,7 +617,7 @@ void crb_mark_bricks(const crb_mesh *m, const double *origin_m, double brick_m, 
         vec low = c[0], high = c[0];
         grow(&low, &high, c[1]);
         grow(&low, &high, c[2]);
-        int64_t lo[3], hi[3];
+        int64_t lo[3] = {0}, hi[3] = {0};
         for (int a = 0; a < 3; a++) {
             lo[a] = cell_of(axis_of(low, a) - reach_m, origin_m[a], brick_m, dims[a]);
             hi[a] = cell_of(axis_of(high, a) + reach_m, origin_m[a], brick_m, dims[a]);

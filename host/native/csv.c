@@ -26,7 +26,7 @@ static size_t format_cell(char *text, double value, uint8_t kind) {
         return 1;
     }
     if (kind == CR_CSV_INT) {
-        return (size_t)snprintf(text, CR_CSV_CELL_MAX, "%lld", (long long)value);
+        return (size_t)snprintf(text, CR_CSV_CELL_MAX, "%.0f", value); /* a cast could overflow: uint64 columns */
     }
     return kind == CR_CSV_FLOAT32 ? format_float(text, value) : format_double(text, value);
 }

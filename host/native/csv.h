@@ -5,7 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What a column of doubles held before it became double: decides the digits. */
+/* What a column of doubles held before it became double: decides the digits. INT: whole numbers of at most 64 bits. */
 enum { CR_CSV_INT = 0, CR_CSV_FLOAT32 = 1, CR_CSV_FLOAT64 = 2 };
 
 /* Longest text of one number with its separator. */

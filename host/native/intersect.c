@@ -48,7 +48,7 @@ static point corner(const surface *s, int32_t triangle, int k) {
 }
 
 static box empty_box(void) {
-    box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    box b = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}};
     return b;
 }
 

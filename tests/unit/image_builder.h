@@ -56,10 +56,15 @@ crt_tool crt_tool_new(double spacing_m);
 void crt_add_box(crt_tool *tool, const double centre_m[3], const double half_m[3]);
 /* Purpose  samples of a ball on rings about z. */
 void crt_add_ball(crt_tool *tool, double radius_m);
+/* Purpose  a tool of three clusters: the lower face of a plate of 6 mm about the origin, its four edges, its four corners. */
+crt_tool crt_plate(void);
 void crt_tool_free(crt_tool *tool);
 
 /* Purpose  a complete image, 64-byte aligned, checksum included. The caller frees it.   Output  its size in *size_bytes. */
 uint8_t *crt_image(const crt_solid *solid, const crt_tool *tool, double voxel_m, uint32_t *size_bytes);
+/* Purpose  an image of crt_image whose tree is one group, as small as it gets: the bricks from low to below high alone, what
+ *          repeats stored once, two leaf groups under a root. The caller frees it; image stays.   Output  size in *size_bytes. */
+uint8_t *crt_shrink(uint8_t *image, const uint32_t low[3], const uint32_t high[3], uint32_t *size_bytes);
 /* Purpose  write the checksum after a change. */
 void crt_seal(uint8_t *image);
 /* Purpose  a section of a well-formed image and its table row. */

@@ -26,6 +26,7 @@ static void csv_writes_no_needless_digits(void **state) {
     assert_string_equal(one(-0.0, CR_CSV_FLOAT32), "0");
     assert_string_equal(one(4294967295.0, CR_CSV_INT), "4294967295");
     assert_string_equal(one(-7.0, CR_CSV_INT), "-7");
+    assert_string_equal(one(0x1p64, CR_CSV_INT), "18446744073709551616"); /* what the largest uint64 becomes */
 }
 
 static void csv_reads_back_to_the_bit(void **state) {

@@ -82,7 +82,7 @@ static void tell(const cr_record *r, uint32_t *last_mode, uint32_t *last_faults)
     printf("tick %u: %s", (unsigned)r->tick, cr_mode_text(mode));
     print_bits(":", r->faults, cr_servo_fault_text);
     printf("\n");
-    fflush(stdout);
+    (void)fflush(stdout);
     *last_mode = mode;
     *last_faults = r->faults;
 }
@@ -352,7 +352,7 @@ static int load_scene(daemon_state *d) {
     }
     int whole = d->image != NULL && fread(d->image, 1, d->image_bytes, file) == d->image_bytes;
     if (file != NULL) {
-        fclose(file);
+        (void)fclose(file); /* read only: nothing is lost */
     }
     if (!whole) {
         snprintf(text, sizeof text, "%s: cannot be read", d->opt.scene_path);

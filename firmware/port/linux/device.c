@@ -223,7 +223,7 @@ static int read_number(reader *r, const entry *e, char **at, double *out) {
 }
 
 static void store(reader *r, const entry *e, uint32_t index, double value) {
-    char *to = (char *)r->device + e->offset + 4u * index;
+    char *to = (char *)r->device + e->offset + (size_t)4u * index;
     float number = (float)(value * e->scale);
     uint32_t whole = e->kind == WHOLE ? (uint32_t)value : 0u;
     memcpy(to, e->kind == WHOLE ? (const void *)&whole : (const void *)&number, 4u);
@@ -326,7 +326,7 @@ int device_load(const char *path, device_config *device, char error[DEVICE_TEXT_
     }
     size_t got = fread(text, 1, sizeof text - 1u, file);
     int whole = feof(file) && !ferror(file);
-    fclose(file);
+    (void)fclose(file); /* read only: nothing is lost */
     text[got] = '\0';
     if (!whole || strlen(text) != got) {
         snprintf(error, DEVICE_TEXT_MAX, "%s: is not a text of at most %d bytes", path, FILE_MAX - 1);

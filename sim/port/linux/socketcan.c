@@ -55,7 +55,7 @@ static int open_bus(const char *interface, cr_sim_run_report *report) {
 
 /* A timer that fires every millisecond from now on. */
 static int open_timer(void) {
-    const struct itimerspec every = {.it_interval = {0, POLL_US * 1000}, .it_value = {0, POLL_US * 1000}};
+    const struct itimerspec every = {.it_interval = {0, POLL_US * 1000L}, .it_value = {0, POLL_US * 1000L}};
     const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
     if (timer >= 0) {
         (void)timerfd_settime(timer, 0, &every, NULL);
