@@ -101,6 +101,7 @@ static void set_number(crt_servo_rig *rig, script *s) {
 
 static void one_word(crt_servo_rig *rig, script *s, uint32_t word) {
     cr_tx tx;
+    cr_frame turned = {0x194, 6u, 0u, {0}};
     int32_t wrist[3];
     switch (word & 15u) {
     case 0:
@@ -139,7 +140,11 @@ static void one_word(crt_servo_rig *rig, script *s, uint32_t word) {
         for (int k = 0; k < 3; k++) {
             wrist[k] = (int32_t)((word & 0x80u) != 0u ? take(s, 4) : (uint32_t)(int32_t)(int8_t)take(s, 1));
         }
-        cr_servo_wrist(rig->servo, wrist);
+        for (int k = 0; k < 3; k++) {
+            turned.data[2 * k] = (uint8_t)((uint32_t)wrist[k] & 0xffu);
+            turned.data[2 * k + 1] = (uint8_t)((uint32_t)wrist[k] >> 8 & 0xffu);
+        }
+        cr_servo_rx(rig->servo, &turned);
         break;
     case 14:
         set_number(rig, s);

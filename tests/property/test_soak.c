@@ -114,7 +114,6 @@ static void period(loop *l) {
         cr_servo_rx(l->servo, &f);
     }
     cr_sim_read(l->sim, &state);
-    cr_servo_wrist(l->servo, state.wrist_counts);
     cr_servo_tick(l->servo, l->now_ns + 300000u, 1e-3f, &tx);
     send(l, &tx);
     l->ticks++;
