@@ -151,8 +151,14 @@ def claims_dragged(rows: list[Dragged]) -> list[Claim]:
 
 def claims_stable(rows: list[Stable]) -> list[Claim]:
     """A crease must not lower what a flat wall allows."""
+    kinds = sorted({(r.passive, r.delay_ms) for r in rows})
     shares = {
-        name: min(share_of_flat(r, rows) for r in rows if r.place == name and r.response == "zones")
+        f"{name}, {delay:g} ms, controller {'on' if passive else 'off'}": min(
+            share_of_flat(r, rows)
+            for r in rows
+            if (r.place, r.response, r.passive, r.delay_ms) == (name, "zones", passive, delay)
+        )
+        for passive, delay in kinds
         for name in ("edge", "corner")
     }
     bare = [r for r in rows if r.response == "zones" and not r.passive]
@@ -160,7 +166,7 @@ def claims_stable(rows: list[Stable]) -> list[Claim]:
     return [
         *(
             Claim(
-                f"largest stiffness at the {name} / flat wall",
+                f"largest stiffness / flat wall, {name}",
                 share >= FLAT_SHARE_MIN,
                 f"{share:.2f}",
                 f">= {FLAT_SHARE_MIN}",
