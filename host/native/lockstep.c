@@ -81,7 +81,6 @@ size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_loc
         to_drives(&end, clock, &tx, clock->now_ns);
         to_servo(&end, servo, clock->now_ns);
         end.read(end.sim, &state);
-        cr_servo_wrist(servo, state.wrist_counts);
         cr_servo_tick(servo, tick_ns, clock->period_s, &tx);
         to_drives(&end, clock, &tx, tick_ns);
         to_servo(&end, servo, tick_ns);
