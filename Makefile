@@ -207,8 +207,8 @@ bench: build/.host build/scenes/.stamp ## measured figures, with the machine's n
 	$(PY) tests/bench/bench.py --figures build/bench
 	$(PY) tests/bench/bake.py
 
-bench-loop: build/.host ## stability of the closed loop: the simulator against theory
-	cd tests/bench && $(abspath $(PY)) loop.py
+bench-loop: build/.host build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
+	$(PY) tests/bench/loop.py --figure build/loop/edge.png
 
 bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
 	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv

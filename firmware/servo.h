@@ -260,7 +260,7 @@ typedef struct {
     cr_vec3 contact_force_world_N, contact_torque_world_Nm;
     cr_vec3 force_world_N; /* commanded at the tip */
     float torque[CR_AXES]; /* commanded joint torques, compensation included */
-    float energy_J;        /* given to the hand by the contact since it began; above 0: active */
+    float energy_J;        /* given by the contact since it began, less what friction burnt of it; above 0: active */
     float depth_m, margin;
     uint32_t area_count, zone_count;
     cr_servo_counters counters;

@@ -6,6 +6,9 @@
 
 #define LINK_M 0.45f
 #define TIP_STEP_M 40e-6f
+/* Compensation rises with share * coulomb / this: it must not exceed the viscous friction (3.5 and 1.5 N s/m), else
+ * compensation and friction together drive slow motion. */
+#define FRICTION_SPEED_M_S 0.15f
 #define TIP_JUMP_M 2.5e-3f /* 2.5 m/s */
 
 static cr_arm_config default_arm(void) {
@@ -29,14 +32,15 @@ static cr_arm_config default_arm(void) {
 }
 
 cr_servo_config cr_servo_config_default(void) {
-    cr_axis_config guide = {60e-6f, 0.0f, 10.0f, 20.0f, TIP_JUMP_M, 0.0f, 1.0f, 0.02f, 4.0f};
-    cr_axis_config link = {TIP_STEP_M / LINK_M, 0.0f,          8.0f * LINK_M,  20.0f * LINK_M, TIP_JUMP_M / LINK_M,
-                           0.2f * LINK_M,       0.4f * LINK_M, 0.02f / LINK_M, 2.0f * LINK_M};
+    cr_axis_config guide = {60e-6f, 0.0f, 10.0f, 20.0f, TIP_JUMP_M, 0.0f, 1.0f, FRICTION_SPEED_M_S, 4.0f};
+    cr_axis_config link = {TIP_STEP_M / LINK_M, 0.0f,          8.0f * LINK_M, 20.0f * LINK_M,
+                           TIP_JUMP_M / LINK_M, 0.2f * LINK_M, 0.4f * LINK_M, FRICTION_SPEED_M_S / LINK_M,
+                           2.0f * LINK_M};
     cr_servo_config c = {
         default_arm(),
         {guide, link, link},
         0.05f * DEG_F,
-        {0.0f, 0.0f, 0.5f, 20.0f, 4000.0f, 20.0f, 1.0f, 30.0f, 0.2f, 16u},
+        {0.0f, 0.0f, 0.5f, 20.0f, 4000.0f, 20.0f, 1.0f, 10.0f, 0.2f, 16u},
         {100u, 150u, 250u, 2u, 100u, 1000u, 50u, 50u, 3u, 50u},
         cr_config_default(),
         1e-3f,

@@ -251,12 +251,16 @@ void cr_mech_destroy(cr_mech *mech) {
 }
 
 void cr_mech_command(cr_mech *mech, const double torque[CR_SIM_AXES]) {
+    const uint64_t at = mech->substep + mech->delay;
+    if (mech->command_count > 0u && mech->commands[mech->command_count - 1u].at == at) {
+        mech->command_count--; /* overtaken before it acted */
+    }
     if (mech->command_count == COMMANDS_MAX) { /* the oldest has acted long ago: a delay holds at most 50 periods */
         mech->command_count--;
         memmove(mech->commands, mech->commands + 1, mech->command_count * sizeof *mech->commands);
     }
     command *next = &mech->commands[mech->command_count++];
-    next->at = mech->substep + mech->delay;
+    next->at = at;
     for (int i = 0; i < CR_SIM_AXES; i++) {
         next->torque[i] = isfinite(torque[i]) ? torque[i] : 0.0;
     }
@@ -472,6 +476,15 @@ void cr_mech_kick(cr_mech *mech, uint32_t axis, double rate) {
         dBodySetAngularVel(driven(mech, (int)axis), rate, 0, 0);
     }
     tip_velocity(mech, mech->tip_before);
+}
+
+void cr_mech_bump(cr_mech *mech, const double impulse_Ns[3]) {
+    double tip[3];
+    if (isfinite(impulse_Ns[X]) && isfinite(impulse_Ns[Y]) && isfinite(impulse_Ns[Z])) {
+        forearm_end(mech, tip);
+        dBodyAddForceAtPos(mech->fore, impulse_Ns[X] / mech->step_s, impulse_Ns[Y] / mech->step_s,
+                           impulse_Ns[Z] / mech->step_s, tip[X], tip[Y], tip[Z]);
+    }
 }
 
 void cr_mech_wall(cr_mech *mech, uint32_t axis, double stiffness, double *samples, size_t count) {

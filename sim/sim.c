@@ -288,6 +288,8 @@ void cr_sim_receive(cr_sim *sim, const cr_sim_frame *frame, uint64_t now_us) {
     }
     if (sync) {
         end_period(sim);
+    } else if (sim->wall_clock) {
+        command_mechanism(sim); /* an RPDO of type 255 acts when it comes, not with a SYNC */
     }
 }
 
@@ -373,6 +375,8 @@ int cr_sim_set_path(cr_sim *sim, const double *rows, size_t count) {
 int cr_sim_set_faults(cr_sim *sim, const cr_sim_fault *faults, size_t count) {
     return cr_fault_set(&sim->faults, faults, count);
 }
+
+void cr_sim_bump(cr_sim *sim, const double impulse_Ns[3]) { cr_mech_bump(sim->mech, impulse_Ns); }
 
 void cr_sim_read(const cr_sim *sim, cr_sim_state *state) { cr_mech_read(sim->mech, state); }
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from crease.bus.drives import Drives, Fault, Frame, Params
 from crease.errors import LoopError
+from crease.measures import buzz_m_s2
 from crease.native import ffi, lib
 from crease.recording import RECORD, Recording, Servo, fault_names, load_recording, scene_crc32
 from crease.scene import Scene
@@ -106,12 +107,14 @@ def resample(path: Trajectory, period_s: float = 1e-3) -> Trajectory:
     return check_rows(rows, path.source)
 
 
-def lead_in(targets: F64, start_m: F64) -> F64:
+def lead_in(
+    targets: F64, start_m: F64, lead_ticks: int = LEAD_TICKS, settle_ticks: int = SETTLE_TICKS
+) -> F64:
     """Smooth way of the hand from where the device stands to the first row, then a rest: (n, 6)."""
-    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, LEAD_TICKS))
+    share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, lead_ticks))
     first = np.r_[start_m, np.zeros(3)]
     way = first + share[:, None] * (targets[0] - first)
-    return np.concatenate([way, np.repeat(targets[:1], SETTLE_TICKS, axis=0)])
+    return np.concatenate([way, np.repeat(targets[:1], settle_ticks, axis=0)])
 
 
 class InProcess:
@@ -325,17 +328,6 @@ def run_socketcan(
             f"{channel}: rendering never started: {faults}; {sim_said.strip()}".rstrip("; ")
         )
     return LoopResult(recording, np.empty(0, dtype=MECHANISM), int(rendering[0]))
-
-
-def buzz_m_s2(acceleration: F64, period_s: float = 1e-3) -> float:
-    """RMS of the handle's acceleration in 20..250 Hz, m/s^2; over all three axes. Shape (n, 3)."""
-    if len(acceleration) < 8:
-        return 0.0
-    spectrum = np.fft.rfft(acceleration - acceleration.mean(axis=0), axis=0)
-    frequency = np.fft.rfftfreq(len(acceleration), period_s)
-    band = (frequency >= 20.0) & (frequency <= 250.0)
-    power = 2.0 * np.abs(spectrum[band]) ** 2 / len(acceleration) ** 2
-    return float(np.sqrt(power.sum()))
 
 
 def describe(result: LoopResult) -> dict[str, object]:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crease import recording as rec
-from crease.hil import InProcess, buzz_m_s2, hand_targets, lead_in, resample, run_inprocess
+from crease.hil import InProcess, hand_targets, lead_in, resample, run_inprocess
+from crease.measures import buzz_m_s2
 from crease.native import ffi, lib
 from crease.plot_loop import draw_loop, motor_force_N, recording_table
 from crease.scene import open_scene
@@ -248,15 +249,6 @@ def test_wrong_bitrate_and_missing_interface_are_told_on_one_line(
     assert said.status == 1
     assert "nocan9" in said.err
     assert said.err.count("\n") == 1
-
-
-def test_buzz_is_the_rms_of_its_band() -> None:
-    t_s = np.arange(2000) * 1e-3
-    inside, outside = np.sin(2 * np.pi * 60 * t_s), np.sin(2 * np.pi * 5 * t_s)
-    zero = np.zeros_like(t_s)
-    assert buzz_m_s2(np.column_stack([inside, outside, zero])) == pytest.approx(
-        np.sqrt(0.5), rel=1e-6
-    )
 
 
 @pytest.mark.slow

@@ -352,6 +352,45 @@ static void passivity_controller_takes_back_what_the_delay_gives(void **state) {
     assert_true(limited > 0u && bounce_with < 1.0 + 0.65 * (bounce_without - 1.0) && with < 0.65 * without);
 }
 
+/* A contact that gave energy: it is pressed in without force, and pushes on the way out. */
+static void give_energy(bench *b, float speed_x, float speed_y) {
+    b->config.control.passivity_damping_max_Ns_m = 10.0f;
+    for (int k = 0; k < 20; k++) {
+        set_joints(b, 1e-4f * (float)k, (float)(PI / 4.0), (float)(-PI / 4.0));
+        step(b, 5.0f, 0.0f, 0.0f);
+    }
+    b->in.speed[0] = speed_x;
+    b->in.speed[1] = speed_y;
+}
+
+static void passivity_controller_keeps_the_direction_of_the_force(void **state) {
+    (void)state;
+    bench b = make_bench();
+    give_energy(&b, 0.05f, 0.2f);
+    step(&b, 5.0f, 0.0f, 0.0f);
+    assert_true((b.out.limits & CR_LIMIT_PASSIVITY) != 0u);
+    assert_true(b.out.force_N.x > 0.0f && b.out.force_N.x < 5.0f);
+    assert_true(near(b.out.force_N.x, 5.0 - 10.0 * 0.05, 1e-5));
+    assert_true(b.out.force_N.y == 0.0f && b.out.force_N.z == 0.0f);
+}
+
+static void passivity_account_lets_friction_burn_an_excess_but_saves_nothing_up(void **state) {
+    (void)state;
+    bench b = make_bench();
+    give_energy(&b, 0.0f, 0.0f);
+    const float before = b.out.energy_J;
+    b.config.control.passivity_damping_max_Ns_m = 0.0f;
+    b.in.speed[0] = 0.1f; /* the sample stays: no work, only friction at 1 N s/m */
+    for (int k = 0; k < 100; k++) {
+        step(&b, 5.0f, 0.0f, 0.0f);
+    }
+    assert_true(before > 5e-3f && near(b.out.energy_J, (double)before - 100.0 * 1e-3 * 1.0 * 0.01, 2e-6));
+    for (int k = 0; k < 10000; k++) {
+        step(&b, 5.0f, 0.0f, 0.0f);
+    }
+    assert_true(b.out.energy_J == 0.0f);
+}
+
 static void passivity_controller_lets_a_passive_contact_alone(void **state) {
     (void)state;
     bench b = make_bench();
@@ -464,6 +503,8 @@ int main(void) {
         cmocka_unit_test(not_a_number_comes_out_as_zero_and_is_told),
         cmocka_unit_test(passivity_observer_agrees_with_the_work_done),
         cmocka_unit_test(passivity_controller_takes_back_what_the_delay_gives),
+        cmocka_unit_test(passivity_controller_keeps_the_direction_of_the_force),
+        cmocka_unit_test(passivity_account_lets_friction_burn_an_excess_but_saves_nothing_up),
         cmocka_unit_test(passivity_controller_lets_a_passive_contact_alone),
         cmocka_unit_test(energy_account_closes_when_the_contact_ends),
         cmocka_unit_test(modes_follow_the_table),

@@ -1,0 +1,94 @@
+#include "lockstep.h"
+
+#include "sim.h"
+
+#include <string.h>
+
+#define SDO_FIRST 0x611u
+/* Transmission type of an RPDO that acts when it arrives (CiA 301). */
+#define TYPE_AT_ONCE 255u
+
+typedef struct {
+    cr_sim *sim;
+    void (*receive)(cr_sim *, const cr_sim_frame *, uint64_t);
+    void (*poll)(cr_sim *, uint64_t);
+    size_t (*send)(cr_sim *, cr_sim_frame *, size_t);
+    void (*target)(cr_sim *, const double *, const double *);
+    void (*read)(const cr_sim *, cr_sim_state *);
+} far_end;
+
+static far_end bind(const cr_lockstep_drives *d) {
+    far_end end = {(cr_sim *)d->sim,
+                   (void (*)(cr_sim *, const cr_sim_frame *, uint64_t))d->receive,
+                   (void (*)(cr_sim *, uint64_t))d->poll,
+                   (size_t(*)(cr_sim *, cr_sim_frame *, size_t))d->send,
+                   (void (*)(cr_sim *, const double *, const double *))d->target,
+                   (void (*)(const cr_sim *, cr_sim_state *))d->read};
+    return end;
+}
+
+/* The host asks for torque with the next SYNC; a device without delay takes it when it comes. */
+static void obey_at_once(cr_sim_frame *frame) {
+    static const uint8_t type_of_torque[] = {0x2F, 0x01, 0x14, 0x02};
+    if (frame->id >= SDO_FIRST && frame->id < SDO_FIRST + CR_AXES &&
+        memcmp(frame->data, type_of_torque, sizeof type_of_torque) == 0) {
+        frame->data[4] = TYPE_AT_ONCE;
+    }
+}
+
+static void to_drives(const far_end *end, const cr_lockstep_clock *clock, const cr_tx *tx, uint64_t now_ns) {
+    for (uint32_t i = 0; i < tx->count; i++) {
+        const cr_frame *from = &tx->frames[i];
+        cr_sim_frame frame = {.id = from->id, .len = from->size};
+        memcpy(frame.data, from->data, from->size);
+        if (clock->at_once) {
+            obey_at_once(&frame);
+        }
+        end->receive(end->sim, &frame, now_ns / 1000u);
+    }
+}
+
+static void to_servo(const far_end *end, cr_servo *servo, uint64_t now_ns) {
+    cr_sim_frame frame;
+    end->poll(end->sim, now_ns / 1000u);
+    while (end->send(end->sim, &frame, 1u) == 1u) {
+        cr_frame to = {.id = (uint16_t)frame.id, .size = frame.len};
+        memcpy(to.data, frame.data, frame.len);
+        cr_servo_rx(servo, &to);
+    }
+}
+
+static void note(const cr_sim_state *state, cr_lockstep_row *row) {
+    memcpy(row->tip_pos_m, state->tip_pos_m, sizeof row->tip_pos_m);
+    memcpy(row->tip_vel_m_s, state->tip_vel_m_s, sizeof row->tip_vel_m_s);
+    memcpy(row->tip_acc_m_s2, state->tip_acc_m_s2, sizeof row->tip_acc_m_s2);
+    memcpy(row->hand_force_N, state->hand_force_N, sizeof row->hand_force_N);
+    memcpy(row->hand_target_m, state->hand_target_m, sizeof row->hand_target_m);
+    memcpy(row->joint_torque, state->joint_torque, sizeof row->joint_torque);
+}
+
+size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_lockstep_clock *clock,
+                       const double *targets, size_t count, uint32_t stop_modes, cr_record *records,
+                       cr_lockstep_row *rows) {
+    const far_end end = bind(drives);
+    for (size_t k = 0; k < count; k++) {
+        cr_tx tx;
+        cr_sim_state state;
+        clock->now_ns += clock->period_ns;
+        const uint64_t tick_ns = clock->now_ns + (clock->at_once ? 0u : clock->tick_after_sync_ns);
+        end.target(end.sim, targets + 6u * k, targets + 6u * k + 3u);
+        cr_servo_sync(servo, clock->now_ns, &tx);
+        to_drives(&end, clock, &tx, clock->now_ns);
+        to_servo(&end, servo, clock->now_ns);
+        end.read(end.sim, &state);
+        cr_servo_tick(servo, tick_ns, clock->period_s, &tx);
+        to_drives(&end, clock, &tx, tick_ns);
+        to_servo(&end, servo, tick_ns);
+        records[k] = *cr_servo_get_record(servo);
+        note(&state, &rows[k]);
+        if (records[k].mode < 32u && (stop_modes >> records[k].mode & 1u) != 0u) {
+            return k + 1u;
+        }
+    }
+    return count;
+}

@@ -1,0 +1,179 @@
+"""The closed loop as an instrument: it is the loop of `crease hil`, agrees with theory, and what it says of creases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crease.errors import CreaseError
+from crease.hil import run_inprocess
+from crease.loop import (
+    FIRM_GRIP,
+    LIGHT_GRIP,
+    Loop,
+    Setup,
+    at_speed,
+    bound_N_m,
+    hold,
+    largest_stiffness,
+    settles,
+)
+from crease.loop_places import cases, pad_scene, press_N
+from crease.measures import buzz_m_s2, buzz_worst_m_s2, force_steps, loop_energy
+from crease.plot import NOTICEABLE_TURN_DEG
+from crease.recording import RECORD
+from crease.scene import Scene, open_scene
+from crease.trajectory import load_trajectory
+from host_tools import write_path
+from loop_contact import BUILD, drag_case, linear_setup
+
+# ------------------------------------------------------------------------------------------------------- measures
+
+
+def test_buzz_is_the_rms_of_its_band() -> None:
+    t_s = np.arange(4000) * 1e-3
+    inside, outside = np.sin(2 * np.pi * 60 * t_s), np.sin(2 * np.pi * 5 * t_s)
+    middle = (t_s > 1.0) & (t_s < 3.0)
+    along = np.column_stack([inside, outside, np.zeros_like(t_s)])
+    assert buzz_m_s2(along, middle) == pytest.approx(np.sqrt(0.5), rel=2e-3)
+    assert buzz_worst_m_s2(along, middle) == pytest.approx(np.sqrt(0.5), rel=2e-3)
+
+
+def test_slow_swing_of_the_hand_is_no_buzz_however_it_ends() -> None:
+    t_s = np.arange(3456) * 1e-3
+    swing = np.column_stack([np.sin(2 * np.pi * 1.1 * t_s)] * 3)
+    assert buzz_m_s2(swing) < 2e-3
+
+
+def test_loop_energy_of_a_spring_is_nothing_of_a_damper_less_and_of_a_whirl_its_area() -> None:
+    turn = np.linspace(0.0, 2.0 * np.pi, 2001)
+    ring_m = 1e-3 * np.column_stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
+    k = 1000.0
+    stored_J = 0.5 * k * 1e-6
+    assert loop_energy(-k * ring_m, ring_m, k) == pytest.approx(0.0, abs=1e-9)
+    speed = np.gradient(ring_m, turn, axis=0)
+    assert loop_energy(-100.0 * speed, ring_m, 100.0) == pytest.approx(
+        -100.0 * 2.0 * np.pi * 1e-6 / (0.5 * 100.0 * 1e-6), rel=1e-3
+    )
+    whirl = k * np.column_stack([-ring_m[:, 1], ring_m[:, 0], ring_m[:, 2]])
+    assert loop_energy(whirl, ring_m, k) * stored_J == pytest.approx(
+        k * 2.0 * np.pi * 1e-6, rel=1e-5
+    )
+    assert loop_energy(0.0 * ring_m, ring_m, k) == 0.0
+
+
+def test_force_steps_are_shares_of_the_larger_force() -> None:
+    force_N = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.1, 0.0]])
+    found = force_steps(force_N, 0.5)
+    assert found == pytest.approx([0.5, 1.0 / np.sqrt(2.0), np.hypot(0.9, 1.0) / np.sqrt(2.0)])
+    assert force_steps(0.1 * force_N, 0.5).max() == 0.0
+
+
+# ---------------------------------------------------------------------------------------------------------- loop
+
+
+def test_bisection_finds_the_edge_and_says_when_there_is_none() -> None:
+    assert largest_stiffness(lambda k: k < 1234.0, 100.0, 10000.0, 1.01) == pytest.approx(
+        1234.0, rel=0.01
+    )
+    assert largest_stiffness(lambda _: False, 100.0, 10000.0) == 0.0
+    assert largest_stiffness(lambda _: True, 100.0, 10000.0) == np.inf
+
+
+def test_lock_step_in_c_is_the_loop_of_crease_hil_to_the_bit(
+    folder: Path, scene_crs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    down = np.linspace([0.0, 0.0, 0.014], [0.0, 0.0, 0.006], 300)
+    path = load_trajectory(write_path(folder / "down.csv", down))
+    scene = open_scene(scene_crs)
+    python = run_inprocess(scene, path)
+    monkeypatch.setattr("crease.loop.LEAD_TICKS", 600)
+    monkeypatch.setattr("crease.loop.SETTLE_TICKS", 400)
+    from crease.loop import drag
+
+    c = drag(scene, Setup(), path)
+    count = len(c.recording)
+    assert python.recording.rows["areas"][:count].any()
+    for name in set(RECORD.names or ()) - {"frames", "tick_ns", "wake_late_ns"}:
+        ours, theirs = c.recording.rows[name], python.recording.rows[name][:count]
+        assert ours.tobytes() == theirs.tobytes(), name
+    assert c.mechanism.tobytes() == python.mechanism[:count].tobytes()
+
+
+def test_unknown_names_are_refused(scene_crs: Path) -> None:
+    scene = open_scene(scene_crs)
+    for setup in (
+        Setup(response="soft"),
+        Setup(control={"speed": 1.0}),
+        Setup(params={"hand": 1.0}),
+        Setup(stiffness_N_m=-1.0),
+    ):
+        with pytest.raises(CreaseError):
+            Loop(scene, setup)
+
+
+def test_path_at_another_speed_keeps_its_way_and_starts_smoothly(folder: Path) -> None:
+    rows = np.linspace([0.0, 0.0, 0.0], [0.1, 0.0, 0.0], 1000)
+    path = at_speed(load_trajectory(write_path(folder / "way.csv", rows)), 0.5)
+    speed = np.diff(path.position_m[:, 0]) / np.diff(path.t_s)
+    assert path.position_m[-1] == pytest.approx([0.1, 0.0, 0.0])
+    assert np.median(speed) == pytest.approx(0.05, rel=0.01)
+    assert np.abs(np.diff(speed)).max() < 1e-3
+
+
+# --------------------------------------------------------------------------------------------------------- claims
+
+
+@pytest.fixture(scope="module")
+def pad() -> Scene:
+    """The pad on the block."""
+    return pad_scene(BUILD / "loop")
+
+
+@pytest.mark.parametrize("delay_s", [None, 0.0])
+def test_flat_wall_settles_below_the_bound_and_not_above(pad: Scene, delay_s: float | None) -> None:
+    case = cases()[0]
+    setup = replace(
+        linear_setup(LIGHT_GRIP, delay_s, False, "zones"), base_from_world=case.base_from_world
+    )
+    bound = bound_N_m(setup, case.direction)
+    for share, expected in ((0.8, True), (1.3, False)):
+        run = hold(
+            pad, replace(setup, stiffness_N_m=share * bound), case.place, press_N(LIGHT_GRIP)
+        )
+        assert settles(run) is expected, f"{share} of {bound:.0f} N/m"
+
+
+@pytest.mark.parametrize("place", ["edge", "corner"])
+def test_crease_allows_what_a_flat_wall_does(pad: Scene, place: str) -> None:
+    case = next(c for c in cases() if c.place.name == place)
+    setup = linear_setup(LIGHT_GRIP, None, False, "zones")
+    bound = bound_N_m(setup, case.direction)
+    for share, expected in ((0.85, True), (1.5, False)):
+        run = hold(
+            pad, replace(setup, stiffness_N_m=share * bound), case.place, press_N(LIGHT_GRIP)
+        )
+        assert settles(run) is expected, f"{share} of {bound:.0f} N/m"
+        assert (run.recording.rows["zones"][run.path_start - 50 :] >= 2).any()
+
+
+def test_zones_go_round_an_edge_quietly_and_fixed45_does_not() -> None:
+    ours, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "zones")
+    theirs, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "fixed45")
+    assert ours.faults == theirs.faults == "none"
+    assert ours.buzz < 0.05
+    assert theirs.worst > 3.0 * ours.worst
+    assert ours.turn_deg < 0.1 * NOTICEABLE_TURN_DEG
+    assert theirs.turn_deg > NOTICEABLE_TURN_DEG
+
+
+def test_zones_go_over_a_corner_quietly_and_fixed45_does_not() -> None:
+    ours, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "zones")
+    theirs, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "fixed45")
+    assert ours.faults == theirs.faults == "none"
+    assert ours.buzz < 0.05
+    assert theirs.worst > 3.0 * ours.worst
+    assert ours.turn_deg < 0.1 * NOTICEABLE_TURN_DEG
+    assert theirs.turn_deg > NOTICEABLE_TURN_DEG
