@@ -233,7 +233,8 @@ size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, do
     size_t changed = 0, stored = 0, i = 0;
     cr_output out;
     memset(&out, 0, sizeof out);
-    for (; i < count && changes_room - changed >= most && zones_room - stored >= (size_t)CR_AREAS_MAX * CR_ZONES_MAX; i++) {
+    for (; i < count && changes_room - changed >= most && zones_room - stored >= (size_t)CR_AREAS_MAX * CR_ZONES_MAX;
+         i++) {
         const double *p = path[i].pos_m, *q = path[i].rot;
         const cr_pose pose = {{(float)p[0], (float)p[1], (float)p[2]},
                               {(float)q[0], (float)q[1], (float)q[2], (float)q[3]}};
