@@ -229,11 +229,12 @@ static cr_vec3 acting_point(const cr_output *out) {
 size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, double period_first_s, crv_tick *ticks,
                      crv_change *changes, size_t changes_room, crv_zone *zones, size_t zones_room) {
     static const cr_contact_set nothing;
-    const size_t most = 2u * CR_LANES * (size_t)watch->scene->cluster_count;
+    const size_t most = (size_t)2u * CR_LANES * (size_t)watch->scene->cluster_count;
     size_t changed = 0, stored = 0, i = 0;
     cr_output out;
     memset(&out, 0, sizeof out);
-    for (; i < count && changes_room - changed >= most && zones_room - stored >= CR_AREAS_MAX * CR_ZONES_MAX; i++) {
+    for (; i < count && changes_room - changed >= most && zones_room - stored >= (size_t)CR_AREAS_MAX * CR_ZONES_MAX;
+         i++) {
         const double *p = path[i].pos_m, *q = path[i].rot;
         const cr_pose pose = {{(float)p[0], (float)p[1], (float)p[2]},
                               {(float)q[0], (float)q[1], (float)q[2], (float)q[3]}};
