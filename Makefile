@@ -33,12 +33,13 @@ TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
-C_ALL := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.c) $(C_HEADERS)
+CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
+C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.c) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile firmware/port/cortex-m7/device.mk
 
 # ---------------------------------------------------------------------------------------------------- installing
 
@@ -162,6 +163,7 @@ build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcreas
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 endef
 $(foreach variant,gcc clang san cov fuzz,$(eval $(call VARIANT,$(variant))))
+include firmware/port/cortex-m7/device.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
@@ -304,5 +306,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-loop bench-faults bench-latency hil hil-kernel hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-loop bench-faults bench-latency hil hil-kernel check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

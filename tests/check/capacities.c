@@ -3,6 +3,7 @@
  *     capacities SCENE.crs PATH.bin COVERAGE SKIP
  *
  * PATH.bin holds rows of eight doubles, as cr_path_row. Prints `ticks touching overflowing largest-force-N`. */
+#include "blob.h"
 #include "crease.h"
 #include "replay.h"
 
@@ -11,31 +12,6 @@
 #include <stdlib.h>
 
 #define FORCE_MAX_N 20.0f
-
-typedef struct {
-    void *bytes;
-    size_t size;
-} blob;
-
-/* The file at an address that is a multiple of 64; exits when there is none. */
-static blob read_blob(const char *name) {
-    blob b = {NULL, 0};
-    FILE *file = fopen(name, "rb");
-    if (file == NULL || fseek(file, 0, SEEK_END) != 0) {
-        perror(name);
-        exit(1);
-    }
-    const long size = ftell(file);
-    rewind(file);
-    b.size = (size_t)size;
-    b.bytes = aligned_alloc(64, (b.size + 63) / 64 * 64);
-    if (b.bytes == NULL || fread(b.bytes, 1, b.size, file) != b.size) {
-        perror(name);
-        exit(1);
-    }
-    fclose(file);
-    return b;
-}
 
 static float norm_of(const float *v) { return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
@@ -51,7 +27,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "usage: %s SCENE.crs PATH.bin COVERAGE SKIP\n", argv[0]);
         return 2;
     }
-    const blob image = read_blob(argv[1]), path = read_blob(argv[2]);
+    const blob image = blob_read(argv[1]), path = blob_read(argv[2]);
     const size_t count = path.size / sizeof(cr_path_row);
     cr_config config = cr_config_default();
     config.coverage = (uint32_t)strtoul(argv[3], NULL, 10);
@@ -62,9 +38,9 @@ int main(int argc, char **argv) {
     cr_world *world = NULL;
     cr_err err = cr_scene_open(&scene, image.bytes, image.size);
     const size_t size = err == CR_OK ? cr_world_size(&scene, &config) : 0;
-    void *memory = aligned_alloc(64, (size + 63) / 64 * 64 + 64);
+    const blob memory = blob_make(size);
     cr_replay_row *rows = calloc(count + 1, sizeof *rows);
-    err = err == CR_OK ? cr_world_init(&world, memory, size, &scene, &config) : err;
+    err = err == CR_OK ? cr_world_init(&world, memory.bytes, memory.size, &scene, &config) : err;
     if (err != CR_OK || rows == NULL) {
         fprintf(stderr, "%s: %s\n", argv[1], cr_err_text(err));
         return 1;
@@ -83,7 +59,7 @@ int main(int argc, char **argv) {
     }
     printf("%zu %zu %zu %g\n", count, touching, over, (double)most);
     free(rows);
-    free(memory);
+    free(memory.bytes);
     free(path.bytes);
     free(image.bytes);
     return 0;

@@ -1,82 +1,43 @@
-/* Replays a path through a scene and prints one hash of every answer: the same for every compiler and option.
+/* Runs a job (job.h) and prints its hashes: the same for every compiler, option and processor.
  *
- *     replay_hash SCENE.crs PATH.bin RESPONSE COVERAGE SKIP
+ *     replay_hash JOB [MADE.bin]
  *
- * PATH.bin holds rows of eight doubles, as cr_path_row. The cost of a tick is left out of the hash. */
-#include "crease.h"
-#include "replay.h"
+ * Prints `answers HASH all HASH ticks N touching N overflows N different N state N`. MADE.bin gets the records that a recording
+ * job made, 512 bytes a tick. */
+#include "blob.h"
+#include "job.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
-typedef struct {
-    void *bytes;
-    size_t size;
-} blob;
-
-/* The file at an address that is a multiple of 64; exits when there is none. */
-static blob read_blob(const char *name) {
-    blob b = {NULL, 0};
-    FILE *file = fopen(name, "rb");
-    if (file == NULL || fseek(file, 0, SEEK_END) != 0) {
-        perror(name);
-        exit(1);
-    }
-    const long size = ftell(file);
-    rewind(file);
-    b.size = (size_t)size;
-    b.bytes = aligned_alloc(64, (b.size + 63) / 64 * 64);
-    if (b.bytes == NULL || fread(b.bytes, 1, b.size, file) != b.size) {
-        perror(name);
-        exit(1);
-    }
-    fclose(file);
-    return b;
-}
-
-static uint64_t fnv1a(uint64_t hash, const void *bytes, size_t size) {
-    const unsigned char *p = bytes;
-    for (size_t i = 0; i < size; i++) {
-        hash = (hash ^ p[i]) * 0x100000001b3u;
-    }
-    return hash;
-}
+#define STATE_MAX (256u * 1024u)
 
 int main(int argc, char **argv) {
-    if (argc != 6) {
-        fprintf(stderr, "usage: %s SCENE.crs PATH.bin RESPONSE COVERAGE SKIP\n", argv[0]);
+    static job j;
+    if (argc != 2 && argc != 3) {
+        fprintf(stderr, "usage: %s JOB [MADE.bin]\n", argv[0]);
         return 2;
     }
-    const blob image = read_blob(argv[1]);
-    const blob path = read_blob(argv[2]);
-    const size_t count = path.size / sizeof(cr_path_row);
-    cr_config config = cr_config_default();
-    config.response = (uint32_t)strtoul(argv[3], NULL, 10);
-    config.coverage = (uint32_t)strtoul(argv[4], NULL, 10);
-    config.skip = (uint32_t)strtoul(argv[5], NULL, 10);
-    config.damping_Ns_m = 2.0f;
-    cr_scene scene;
-    cr_err err = cr_scene_open(&scene, image.bytes, image.size);
-    const size_t size = err == CR_OK ? cr_world_size(&scene, &config) : 0;
-    void *memory = aligned_alloc(64, (size + 63) / 64 * 64 + 64);
-    cr_world *world = NULL;
-    err = err == CR_OK ? cr_world_init(&world, memory, size, &scene, &config) : err;
-    cr_replay_row *rows = calloc(count + 1, sizeof *rows);
-    if (err != CR_OK || rows == NULL) {
-        fprintf(stderr, "%s: %s\n", argv[1], cr_err_text(err));
+    const blob bytes = blob_read(argv[1]), memory = blob_make(STATE_MAX);
+    const char *wrong = job_open(&j, bytes.bytes, bytes.size, memory.bytes, memory.size);
+    FILE *made = wrong == NULL && argc == 3 ? fopen(argv[2], "wb") : NULL;
+    if (wrong != NULL || (argc == 3 && (made == NULL || j.records == NULL))) {
+        fprintf(stderr, "%s: %s\n", argv[1], wrong != NULL ? wrong : "no records to write, or not writable");
         return 1;
     }
-    cr_replay_run(world, path.bytes, count, 1e-3, rows);
-    uint64_t hash = 0xcbf29ce484222325u;
-    for (size_t i = 0; i < count; i++) {
-        hash = fnv1a(hash, &rows[i], offsetof(cr_replay_row, nodes)); /* from there on skipping shows, and the cost */
+    for (uint32_t i = 0; i < j.ticks; i++) {
+        job_tick(&j, i);
+        job_hash(&j);
+        if (made != NULL && fwrite(cr_servo_get_record(j.servo), sizeof(cr_record), 1, made) != 1) {
+            perror(argv[2]);
+            return 1;
+        }
     }
-    printf("%016" PRIx64 "\n", hash);
-    free(rows);
-    free(memory);
-    free(path.bytes);
-    free(image.bytes);
-    return 0;
+    printf("answers %016" PRIx64 " all %016" PRIx64 " ticks %" PRIu32 " touching %" PRIu32 " overflows %" PRIu32
+           " different %" PRIu32 " state %" PRIu32 "\n",
+           j.answers, j.all, j.ticks, j.touching, j.overflows, j.rerun.different, j.state_bytes);
+    free(bytes.bytes);
+    free(memory.bytes);
+    return made != NULL && fclose(made) != 0;
 }

@@ -40,7 +40,8 @@ def build(folder: Path, name: str) -> Path:
     """The program with these capacities, under sanitizers."""
     program = folder / name
     stages = [ROOT / f"firmware/{s}.c" for s in STAGES]
-    sources = [ROOT / "tests/check/capacities.c", ROOT / "host/native/replay.c", *stages]
+    checks = [ROOT / f"tests/check/{name}.c" for name in ("capacities", "blob")]
+    sources = [*checks, ROOT / "host/native/replay.c", *stages]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]
     command = [
         str(part)

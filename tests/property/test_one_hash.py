@@ -6,13 +6,14 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import trimesh
 from crease.bake import BakeOptions, bake_scene
 from crease.mesh import make_mesh
 from crease.native import COVERAGES, RESPONSES
+from jobs import ROOT, path_job
 
-ROOT = Path(__file__).resolve().parent.parent.parent
 FLAGS = [
     "-std=c11",
     "-D_POSIX_C_SOURCE=200809L",
@@ -29,18 +30,20 @@ BUILDS = [
     "gcc -O2 -DCR_SCALAR=1",
 ]
 
+Inputs = tuple[bytes, npt.NDArray[np.float32]]
+"""A scene image and rows of a path."""
+
 
 def build(folder: Path, options: str) -> Path:
     """The hash program, built with these options."""
     compiler, *levels = options.split()
     program = folder / options.replace(" ", "_")
     sources = [
-        ROOT / "tests/check/replay_hash.c",
-        ROOT / "host/native/replay.c",
+        *(ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")),
         *sorted((ROOT / "firmware").glob("*.c")),
         *sorted((ROOT / "firmware/rivals").glob("*.c")),
     ]
-    includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]
+    includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
     subprocess.run(
         [compiler, *FLAGS, *levels, *includes, *sources, "-lm", "-o", program], check=True
     )
@@ -53,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def inputs(folder: Path) -> tuple[Path, Path]:
+def inputs() -> Inputs:
     """A stepped block, a turning cube over all its edges: smooth, convex and concave contact, and free space."""
     low = trimesh.creation.box(bounds=[[-40, -40, -30], [40, 40, 0]])
     high = trimesh.creation.box(bounds=[[-40, -40, -10], [0, 40, 15]])
@@ -61,27 +64,29 @@ def inputs(folder: Path) -> tuple[Path, Path]:
     static = make_mesh(both.vertices, both.faces, 1e-3)
     cube = trimesh.creation.box(extents=[20, 20, 20])
     tool = make_mesh(cube.vertices, cube.faces, 1e-3)
-    image = folder / "scene.crs"
     options = BakeOptions(voxel_m=2e-3, spacing_m=1.5e-3)
-    image.write_bytes(bake_scene(static, tool, options, lambda _label, _part: None).image)
+    image = bake_scene(static, tool, options, lambda _label, _part: None).image
     rng = np.random.default_rng(5)
     s = np.linspace(0.0, 1.0, 1500)
     knots = rng.uniform([-0.045, -0.045, 0.003], [0.045, 0.045, 0.03], (12, 3))
     position = np.stack([np.interp(s, np.linspace(0, 1, 12), knots[:, k]) for k in range(3)], 1)
     turn = np.stack([np.ones_like(s), np.sin(5 * s), np.cos(3 * s), np.sin(2 * s)], 1)
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    path = folder / "path.bin"
-    np.hstack([np.arange(1500)[:, None] * 1e-3, position, turn]).astype("<f8").tofile(path)
-    return image, path
+    period_s = np.full((1500, 1), 1e-3)
+    return bytes(image), np.hstack([position, turn, period_s]).astype("<f4")
 
 
-def run(program: Path, inputs: tuple[Path, Path], response: int, coverage: int, skip: int) -> str:
-    command = [str(part) for part in (program, *inputs, response, coverage, skip)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+def run(program: Path, inputs: Inputs, response: int, coverage: int, skip: int) -> str:
+    """Hash of all answers, without the work they took."""
+    job = program.parent / "one.job"
+    block = path_job(*inputs, response=response, coverage=coverage, skip=skip, damping_Ns_m=2.0)
+    job.write_bytes(block)
+    said = subprocess.run([program, job], capture_output=True, text=True, check=True).stdout.split()
+    return said[said.index("answers") + 1]
 
 
 @pytest.fixture(scope="module")
-def reference(folder: Path, inputs: tuple[Path, Path]) -> dict[tuple[int, int], str]:
+def reference(folder: Path, inputs: Inputs) -> dict[tuple[int, int], str]:
     """Hash of every response and coverage, without optimisation and with all skipping."""
     program = build(folder, "gcc -O0 -g")
     return {
@@ -98,7 +103,7 @@ def test_settings_have_hashes_of_their_own(reference: dict[tuple[int, int], str]
 
 @pytest.mark.parametrize("options", BUILDS)
 def test_every_build_has_the_same_hash(
-    folder: Path, inputs: tuple[Path, Path], reference: dict[tuple[int, int], str], options: str
+    folder: Path, inputs: Inputs, reference: dict[tuple[int, int], str], options: str
 ) -> None:
     program = build(folder, options)
     for (response, coverage), expected in reference.items():
@@ -107,7 +112,7 @@ def test_every_build_has_the_same_hash(
 
 @pytest.mark.parametrize("skip", range(7))
 def test_skipping_changes_no_bit(
-    folder: Path, inputs: tuple[Path, Path], reference: dict[tuple[int, int], str], skip: int
+    folder: Path, inputs: Inputs, reference: dict[tuple[int, int], str], skip: int
 ) -> None:
     program = folder / "gcc_-O0_-g"
     for (response, coverage), expected in reference.items():

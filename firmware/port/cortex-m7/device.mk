@@ -1,0 +1,48 @@
+# Cortex-M: the library and its images for M7, M4 with FPU and M55. Included by the Makefile at the root.
+
+APT_DEVICE := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user
+
+CORTEX := firmware/port/cortex-m7
+ARM := arm-none-eabi-
+CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
+CPU_m4f := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
+CPU_m55 := -mcpu=cortex-m55
+BOARD_m7 := mps2-an500
+BOARD_m4f := mps2-an386
+BOARD_m55 := mps3-an547
+# Optimisation of the device images. The replay check also builds others.
+LEVEL ?= -O2
+CORTEX_FLAGS := -std=c11 -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -fno-common \
+    -ffunction-sections -fdata-sections -fstack-usage -fcallgraph-info=su -g \
+    -Wall -Wextra -Wconversion -Wshadow -Wdouble-promotion -Wfloat-conversion -Wvla -Werror
+CORTEX_INCLUDES := -Ifirmware -I$(CORTEX) -Itests/check
+CORTEX_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -L$(CORTEX)
+EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
+
+define CORTEX_VARIANT
+build/$(1)/%.o: %.c
+	@mkdir -p $$(@D)
+	@echo "$(1): $$<"
+	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
+
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o)
+	@rm -f $$@
+	@$(ARM)ar rcs $$@ $$^
+
+build/$(1)/replay.elf: $(EMULATED_C:%.c=build/$(1)/%.o) build/$(1)/libcrease.a $(CORTEX)/$(BOARD_$(1)).ld $(CORTEX)/sections.ld
+	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $(CORTEX_LINK) -T $(BOARD_$(1)).ld $$(filter %.o %.a,$$^) -o $$@
+endef
+$(foreach variant,m7 m4f m55,$(eval $(call CORTEX_VARIANT,$(variant))))
+
+# Not in APT: 1 GB that only the device images and their checks need.
+build/.device: FORCE
+	$(call APT_INSTALL,$(APT_DEVICE))
+
+firmware-m7: build/.device build/m7/replay.elf ## library and images for the Cortex-M7, with their sizes
+firmware-m4f: build/.device build/m4f/replay.elf ## the same for the Cortex-M4 with FPU
+firmware-m55: build/.device build/m55/replay.elf ## the same for the Cortex-M55
+firmware-m7 firmware-m4f firmware-m55: firmware-%:
+	@$(ARM)size -t build/$*/libcrease.a
+
+check-device: build/.host build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
+	@cd tests/device && $(abspath $(PY)) check.py $(if $(LONG),--long)

@@ -1,0 +1,100 @@
+#include "job.h"
+
+#include <string.h>
+
+#define FNV_START 0xcbf29ce484222325u
+#define FNV_PRIME 0x100000001b3u
+
+/* FNV-1a over words: every output is made of 4-byte members, and a device takes a quarter of the time that bytes take. */
+static uint64_t hash_words(uint64_t hash, const void *words, size_t size) {
+    const uint8_t *p = words;
+    for (size_t i = 0; i + 4u <= size; i += 4u) {
+        uint32_t word;
+        memcpy(&word, p + i, sizeof word);
+        hash = (hash ^ word) * FNV_PRIME;
+    }
+    return hash;
+}
+
+static const char *open_path(job *j, const job_head *head, const cr_scene *scene, void *memory, size_t memory_bytes) {
+    cr_config config;
+    memcpy(&config, j->bytes + JOB_CONFIG_AT, sizeof config);
+    j->rows = (const job_row *)(const void *)(j->bytes + head->data_at);
+    j->ticks = head->data_bytes / (uint32_t)sizeof(job_row);
+    j->state_bytes = (uint32_t)cr_world_size(scene, &config);
+    const cr_err err = cr_world_init(&j->world, memory, memory_bytes, scene, &config);
+    return err == CR_OK ? NULL : cr_err_text(err);
+}
+
+static const char *open_recording(job *j, const job_head *head, const cr_scene *scene, void *memory,
+                                  size_t memory_bytes) {
+    cr_record_head found;
+    cr_servo_config config;
+    const uint8_t *at = j->bytes + head->data_at;
+    cr_err err = head->data_bytes < CR_RECORDS_AT ? CR_ERR_SIZE : cr_record_head_read(at, &found, &config);
+    if (err != CR_OK) {
+        return cr_err_text(err);
+    }
+    j->records = (const cr_record *)(const void *)(at + CR_RECORDS_AT);
+    j->ticks = (head->data_bytes - CR_RECORDS_AT) / (uint32_t)sizeof(cr_record);
+    j->state_bytes = (uint32_t)cr_servo_size(scene, &config);
+    err = cr_servo_init(&j->servo, memory, memory_bytes, scene, &config);
+    return err == CR_OK ? NULL : cr_err_text(err);
+}
+
+const char *job_open(job *j, const void *bytes, size_t size, void *memory, size_t memory_bytes) {
+    job_head head;
+    cr_scene scene;
+    memset(j, 0, sizeof *j);
+    j->bytes = bytes;
+    j->answers = j->all = FNV_START;
+    if (size < JOB_CONFIG_AT + sizeof(cr_config)) {
+        return "no job: too short";
+    }
+    memcpy(&head, bytes, sizeof head);
+    if (memcmp(head.magic, "CRJOB001", sizeof head.magic) != 0) {
+        return "no job: its first bytes are not CRJOB001";
+    }
+    if (head.scene_at % 64u != 0u || head.data_at % 64u != 0u || head.scene_at > size || head.data_at > size ||
+        head.scene_bytes > size - head.scene_at || head.data_bytes > size - head.data_at) {
+        return "no job: its sections lie outside of it";
+    }
+    const cr_err err = cr_scene_open(&scene, j->bytes + head.scene_at, head.scene_bytes);
+    if (err != CR_OK) {
+        return cr_err_text(err);
+    }
+    return head.kind == JOB_PATH ? open_path(j, &head, &scene, memory, memory_bytes)
+                                 : open_recording(j, &head, &scene, memory, memory_bytes);
+}
+
+void job_tick(job *j, uint32_t i) {
+    if (j->rows != NULL) {
+        cr_tick(j->world, &j->rows[i].world_from_tool, j->rows[i].period_s, &j->out);
+    } else {
+        cr_servo_rerun(j->servo, &j->records[i], 1u, &j->rerun, NULL);
+    }
+}
+
+static void hash_output(job *j, const cr_output *out) {
+    uint64_t hash = hash_words(j->answers, out, offsetof(cr_output, stats));
+    for (uint32_t a = 0; a < out->area_count; a++) {
+        const cr_area *area = &out->areas[a];
+        hash = hash_words(hash, area, offsetof(cr_area, zones) + area->zone_count * sizeof area->zones[0]);
+    }
+    j->answers = hash;
+    j->all = hash_words(hash_words(j->all, &hash, sizeof hash), &out->stats, sizeof out->stats);
+    const cr_stats *s = &out->stats;
+    j->overflows += s->clusters_coarse + s->clusters_dropped + s->touches_dropped + s->areas_merged + s->zones_dropped;
+    j->touching += out->area_count > 0u;
+}
+
+void job_hash(job *j) {
+    if (j->rows != NULL) {
+        hash_output(j, &j->out);
+        return;
+    }
+    const cr_record *record = cr_servo_get_record(j->servo);
+    j->answers = hash_words(j->answers, record, offsetof(cr_record, wake_late_ns));
+    j->all = j->answers;
+    j->touching += record->area_count > 0u;
+}

@@ -1,0 +1,499 @@
+"""`make check-device`: every build replays the goldens to the same hash; cost and size against tests/check/budgets.csv.
+
+Prints one table and ends with status 1 when a hash differs, a budget is exceeded, a firmware object needs a symbol that
+is not listed, or the call graph is not bounded. Needs the device builds that `make check-device` makes first.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from callgraph import CallGraphError, Chain, read_graph, worst_chain
+from jobs import ROOT, free_rows, golden_path_job, path_job, recording_job
+from loops import golden_recording
+
+BUILD = ROOT / "build" / "device"
+SCENES = ("corner3_sphere", "edge90_cube", "part_spanner", "bar_u", "groove_block")
+LOOP = "closed_loop"
+FREE = "free_space"
+LOOP_SCENE = "edge90_cube"
+GOLDENS = (*SCENES, FREE, LOOP)
+STRESS = ("wall_cube", "edge120_cube", "edge60_cube", "corner3_cube", "step_cube", "cylinder_ball")
+"""More scenes, for the cost alone, with --long."""
+CUBE = "edge90_cube"
+FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno")
+HOSTS = {
+    **{
+        f"{cc} {level}": (cc, level)
+        for cc in ("gcc", "clang")
+        for level in ("-O0", "-O1", "-O2", "-O3")
+    },
+    "gcc -O2 scalar": ("gcc", "-O2", "-fno-tree-vectorize"),
+    "gcc -O3 native": ("gcc", "-O3", "-march=native"),
+    "clang -O3 native": ("clang", "-O3", "-march=native"),
+    "aarch64 -O2": ("aarch64-linux-gnu-gcc", "-O2", "-static"),
+}
+QUICK_HOSTS = ("gcc -O0", "gcc -O3 native", "clang -O2", "clang -O3 native", "aarch64 -O2")
+DEVICES = {
+    "m7": ("mps2-an500", 0x60000000),
+    "m4f": ("mps2-an386", 0x21000000),
+    "m55": ("mps3-an547", 0x60000000),
+}
+INDIRECT = {"answer_group": ("keep_normal", "turn_to_45")}
+"""The only calls through a pointer: the response table."""
+REFERENCE = "gcc -O2"
+LIMIT_S = 600.0
+
+
+class CheckError(Exception):
+    """A check could not be made: one line says why."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one job printed, and for a device the instructions of each tick: (ticks, 1 + stages)."""
+
+    hashes: tuple[str, str]
+    figures: dict[str, int]
+    ticks: npt.NDArray[np.int64] | None = None
+    stages: tuple[str, ...] = ()
+    functions: tuple[tuple[str, int, int], ...] = ()
+
+
+@dataclass
+class Breaches:
+    """Everything that is not as it has to be."""
+
+    lines: list[str] = field(default_factory=list)
+
+    def add(self, line: str) -> None:
+        """One more."""
+        self.lines.append(line)
+
+
+def command(words: Sequence[str | Path], cwd: Path | None = None) -> str:
+    """What a program prints.   Errors: CheckError when it fails."""
+    text = [str(word) for word in words]
+    done = subprocess.run(
+        text,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=cwd,
+        timeout=LIMIT_S,
+        stdin=subprocess.DEVNULL,
+    )
+    if done.returncode != 0:
+        said = (done.stderr or done.stdout).strip().splitlines()
+        raise CheckError(
+            f"{text[0]} ended with {done.returncode}: {said[-1] if said else 'nothing said'}"
+        )
+    return done.stdout
+
+
+def read_line(text: str) -> tuple[tuple[str, str], dict[str, int]]:
+    """Hashes and figures of the line that a runner prints: pairs of name and value."""
+    words = text.split()
+    pairs = dict(zip(words[::2], words[1::2], strict=True))
+    hashes = (pairs.pop("answers"), pairs.pop("all"))
+    return hashes, {name: int(value) for name, value in pairs.items()}
+
+
+# ---------------------------------------------------------------------------------------------------------- runs
+
+
+def build_host(name: str, extra: Sequence[str] = ()) -> Path:
+    """The job runner for Linux, built with one compiler and its options."""
+    compiler, *options = HOSTS[name]
+    program = BUILD / ("runner " + name).replace(" ", "_")
+    sources = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
+    sources += sorted((ROOT / "firmware").glob("*.c"))
+    includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
+    command([compiler, *FLAGS, *options, *extra, *includes, *sources, "-lm", "-o", program])
+    return program
+
+
+def run_host(name: str, program: Path, job: Path, made: Path | None = None) -> Run:
+    """One job on this machine, or under user-mode emulation."""
+    emulator = ["qemu-aarch64"] if name.startswith("aarch64") else []
+    return Run(*read_line(command([*emulator, program, job, *([made] if made else [])])))
+
+
+def run_device(name: str, elf: Path, job: Path, made: Path | None = None) -> Run:
+    """One job on an emulated board, every instruction counted."""
+    machine, address = DEVICES[name]
+    with tempfile.TemporaryDirectory(prefix="crease-device-") as folder:
+        counts = Path(folder) / "counts.txt"
+        words: list[str | Path] = [
+            "qemu-system-arm",
+            "-M",
+            machine,
+            "-nographic",
+            "-monitor",
+            "none",
+            "-serial",
+            "null",
+        ]
+        words += ["-chardev", "stdio,id=out,signal=off"]
+        words += ["-semihosting-config", "enable=on,target=native,chardev=out", "-kernel", elf]
+        words += ["-device", f"loader,file={job},addr={address:#x},force-raw=on"]
+        words += ["-plugin", f"{BUILD / 'count.so'},out={counts}"]
+        line = command(words, cwd=Path(folder))
+        if made is not None:
+            made.write_bytes((Path(folder) / "made.bin").read_bytes())
+        return read_counts(*read_line(line), counts.read_text(encoding="utf-8"))
+
+
+def read_counts(hashes: tuple[str, str], figures: dict[str, int], text: str) -> Run:
+    """The plugin's file."""
+    lines = [line.split() for line in text.splitlines()]
+    stages = tuple(lines[0][1:])
+    ticks = np.array([line[2:] for line in lines if line[0] == "tick"], dtype=np.int64)
+    if len(ticks) != figures["ticks"]:
+        raise CheckError(f"{len(ticks)} ticks were counted, {figures['ticks']} were run")
+    functions = tuple((line[3], int(line[1]), int(line[2])) for line in lines if line[0] == "fn")
+    return Run(hashes, figures, ticks, stages, functions)
+
+
+def write_jobs(names: Iterable[str]) -> dict[str, Path]:
+    """The goldens as files."""
+    paths = {}
+    for name in names:
+        paths[name] = BUILD / f"{name}.job"
+        if name == LOOP:
+            scene = ROOT / "build" / "scenes" / f"{LOOP_SCENE}.crs"
+            paths[name].write_bytes(recording_job(scene.read_bytes(), golden_recording(scene)))
+        elif name == FREE:
+            scene = ROOT / "build" / "scenes" / f"{CUBE}.crs"
+            paths[name].write_bytes(path_job(scene.read_bytes(), free_rows()))
+        else:
+            paths[name].write_bytes(golden_path_job(name, damping_Ns_m=2.0))
+    return paths
+
+
+# --------------------------------------------------------------------------------------------------------- checks
+
+
+def library_objects(build: str) -> list[Path]:
+    """Objects of the firmware library of a device build."""
+    names = sorted(path.stem for path in (ROOT / "firmware").glob("*.c"))
+    return [ROOT / "build" / build / "firmware" / f"{name}.o" for name in names]
+
+
+def allowed_symbols() -> dict[str, int]:
+    """Symbols that the firmware may take from outside, and the stack that they use."""
+    with (ROOT / "tests/check/undefined.csv").open(encoding="ascii") as file:
+        return {row["symbol"]: int(row["stack_bytes"]) for row in csv.DictReader(file)}
+
+
+def undefined_symbols(
+    objects: Sequence[Path], nm: str = "arm-none-eabi-nm"
+) -> dict[str, list[str]]:
+    """What each object needs that none of them has."""
+    defined: set[str] = set()
+    needed: dict[str, list[str]] = {}
+    for path in objects:
+        for line in command([nm, path]).splitlines():
+            kind, name = line.split()[-2:]
+            if kind == "U":
+                needed.setdefault(path.name, []).append(name)
+            else:
+                defined.add(name)
+    return {path: [name for name in names if name not in defined] for path, names in needed.items()}
+
+
+def check_symbols(build: str, breaches: Breaches) -> None:
+    """Every symbol from outside is in the list."""
+    allowed = allowed_symbols()
+    for path, names in undefined_symbols(library_objects(build)).items():
+        for name in sorted(set(names) - allowed.keys()):
+            breaches.add(
+                f"{build}: {path} needs {name}, which tests/check/undefined.csv does not allow"
+            )
+
+
+def code_bytes(build: str) -> int:
+    """Flash of the library: code and constants of all its objects."""
+    lines = command(["arm-none-eabi-size", *library_objects(build)]).splitlines()[1:]
+    return sum(int(line.split()[0]) + int(line.split()[1]) for line in lines)
+
+
+def static_bytes(build: str) -> int:
+    """Variables that the library itself has: none, all memory is the caller's."""
+    lines = command(["arm-none-eabi-size", *library_objects(build)]).splitlines()[1:]
+    return sum(int(line.split()[1]) + int(line.split()[2]) for line in lines)
+
+
+def stack_of(build: str) -> Chain:
+    """The worst chain of the library.   Errors: CallGraphError."""
+    files = [path.with_suffix(".ci") for path in library_objects(build)]
+    return worst_chain(read_graph(files, allowed_symbols(), INDIRECT))
+
+
+def combined(runs: dict[str, Run]) -> str:
+    """One short hash of a build over the goldens."""
+    value = 0
+    for name in GOLDENS:
+        for text in runs[name].hashes:
+            value = (value * 0x100000001B3 + int(text, 16)) & (1 << 64) - 1
+    return f"{value:016x}"
+
+
+def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str, int]:
+    """What budgets.csv can ask of a device build."""
+    figures = {
+        "library code": code_bytes(build),
+        "variables of the library": static_bytes(build),
+        "state of the world": max(
+            run.figures["state"] for name, run in runs.items() if name != LOOP
+        ),
+        "worst stack": stack.bytes,
+    }
+    if LOOP in runs:
+        figures["state of the servo with its world"] = runs[LOOP].figures["state"]
+    for name, run in runs.items():
+        assert run.ticks is not None
+        figures[f"{name} tick max"] = int(run.ticks[:, 0].max())
+    return figures
+
+
+def check_budgets(
+    build: str, figures: dict[str, int], rows: Sequence[dict[str, str]], breaches: Breaches
+) -> None:
+    """Every budget of a build is kept; one that nothing was measured for is a breach too."""
+    for row in rows:
+        if row["build"] != build:
+            continue
+        value = figures.get(row["what"])
+        if value is None:
+            breaches.add(f"{build}: {row['what']}: a budget, but nothing was measured")
+        elif value > int(row["budget"]):
+            breaches.add(
+                f"{build}: {row['what']}: {value:,} {row['unit']} exceed {int(row['budget']):,}"
+            )
+
+
+def read_budgets() -> list[dict[str, str]]:
+    """Rows of tests/check/budgets.csv."""
+    with (ROOT / "tests/check/budgets.csv").open(encoding="ascii") as file:
+        return list(csv.DictReader(file))
+
+
+# ---------------------------------------------------------------------------------------------------------- report
+
+
+def thousands(value: int | None) -> str:
+    """1,234 or a dash."""
+    return "-" if value is None else f"{value:,}"
+
+
+def print_table(rows: Sequence[Sequence[str]]) -> None:
+    """Columns as wide as their longest entry, the first one to the left."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for row in rows:
+        cells = [
+            text.ljust(width) if i < 2 else text.rjust(width)
+            for i, (text, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        print("  ".join(cells).rstrip())
+
+
+def print_builds(hashes: dict[str, str], figures: dict[str, dict[str, int]]) -> None:
+    """The table that the issue asks for."""
+    rows = [["build", "hash", f"{CUBE} max", "free max", "flash B", "RAM B", "stack B", ""]]
+    for name, value in hashes.items():
+        of = figures.get(name, {})
+        keys = (
+            f"{CUBE} tick max",
+            f"{FREE} tick max",
+            "library code",
+            "state of the servo with its world",
+            "worst stack",
+        )
+        cells = [thousands(of.get(key)) for key in keys]
+        rows.append([name, value, *cells, "" if value == hashes[REFERENCE] else "DIFFERS"])
+    print_table(rows)
+
+
+def print_costs(runs: dict[str, Run]) -> None:
+    """Instructions of each golden on the M7: all of it, and by stage in the most expensive tick."""
+    any_run = next(iter(runs.values()))
+    rows = [
+        [
+            "replay on m7",
+            "ticks",
+            "median",
+            "p99",
+            "max",
+            "at tick",
+            *(f"{s}" for s in any_run.stages),
+        ]
+    ]
+    for name, run in runs.items():
+        assert run.ticks is not None
+        total = run.ticks[:, 0]
+        at = int(total.argmax())
+        quantiles = [int(np.quantile(total, q, method="higher")) for q in (0.5, 0.99)]
+        cells = [*quantiles, int(total[at]), at, *run.ticks[at, 1:].tolist()]
+        rows.append([name, thousands(len(total)), *(thousands(int(cell)) for cell in cells)])
+    print_table(rows)
+
+
+def print_functions(run: Run, count: int = 12) -> None:
+    """Where the instructions of the most expensive tick go."""
+    assert run.ticks is not None
+    total = sum(worst for _, _, worst in run.functions)
+    print(f"most expensive tick of {CUBE}, by function:")
+    for name, _, worst in run.functions[:count]:
+        print(f"  {worst:9,}  {100 * worst / total:4.1f} %  {name}")
+
+
+def print_budgets(figures: dict[str, int], rows: Sequence[dict[str, str]]) -> None:
+    """Measured against budget and target."""
+    table = [["budget of m7", "unit", "measured", "budget", "target", ""]]
+    for row in rows:
+        value = figures.get(row["what"])
+        verdict = (
+            "not measured"
+            if value is None
+            else "EXCEEDED"
+            if value > int(row["budget"])
+            else "target missed"
+            if value > int(row["target"])
+            else "ok"
+        )
+        table.append(
+            [
+                row["what"],
+                row["unit"],
+                thousands(value),
+                thousands(int(row["budget"])),
+                thousands(int(row["target"])),
+                verdict,
+            ]
+        )
+    print_table(table)
+
+
+# ------------------------------------------------------------------------------------------------------------ all
+
+
+def run_hosts(
+    names: Sequence[str], jobs: dict[str, Path], breaches: Breaches
+) -> dict[str, dict[str, Run]]:
+    """Goldens on this machine's builds."""
+
+    def one(name: str) -> dict[str, Run]:
+        program = build_host(name)
+        return {job: run_host(name, program, path) for job, path in jobs.items() if job in GOLDENS}
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        runs = dict(zip(names, pool.map(one, names), strict=True))
+    loop = runs[REFERENCE][LOOP].figures
+    if loop["different"]:
+        breaches.add(
+            f"{LOOP}: {loop['different']} of {loop['ticks']} records came out other than they were recorded"
+        )
+    return runs
+
+
+def run_devices(jobs: dict[str, Path]) -> dict[str, dict[str, Run]]:
+    """Goldens on the emulated boards; what is not a golden on the M7 only."""
+    pairs = [(name, job) for name in DEVICES for job in jobs if job in GOLDENS or name == "m7"]
+
+    def one(pair: tuple[str, str]) -> Run:
+        name, job = pair
+        made = BUILD / "made_on_m7.bin" if pair == ("m7", LOOP) else None
+        return run_device(name, ROOT / "build" / name / "replay.elf", jobs[job], made)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = list(pool.map(one, pairs))
+    runs: dict[str, dict[str, Run]] = {name: {} for name in DEVICES}
+    for (name, job), run in zip(pairs, done, strict=True):
+        runs[name][job] = run
+    return runs
+
+
+def check_recording_of_device(jobs: dict[str, Path], breaches: Breaches) -> None:
+    """The records that the M7 made are those of this machine, and run again here."""
+    job = jobs[LOOP].read_bytes()
+    made = (BUILD / "made_on_m7.bin").read_bytes()
+    head = job[: len(job) - len(made)]
+    mixed = BUILD / "made_on_m7.job"
+    mixed.write_bytes(head + made)
+    run = run_host(REFERENCE, BUILD / ("runner " + REFERENCE).replace(" ", "_"), mixed)
+    if len(made) != run.figures["ticks"] * 512 or run.figures["different"]:
+        breaches.add(
+            f"{LOOP}: {run.figures['different']} records made on the m7 do not run again on this machine"
+        )
+
+
+def main() -> int:
+    """Command line: see the Makefile."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--long", action="store_true", help="all compilers and options, and more scenes"
+    )
+    args = parser.parse_args()
+    breaches = Breaches()
+    budgets = read_budgets()
+    BUILD.mkdir(parents=True, exist_ok=True)
+    names = [name for name in HOSTS if args.long or name in (*QUICK_HOSTS, REFERENCE)]
+    names.sort(key=lambda name: name != REFERENCE)
+    try:
+        command(
+            [
+                "gcc",
+                "-O2",
+                "-shared",
+                "-fPIC",
+                "-o",
+                BUILD / "count.so",
+                ROOT / "tests/device/count.c",
+            ]
+        )
+        jobs = write_jobs((*GOLDENS, *(STRESS if args.long else ())))
+        runs = run_hosts(names, jobs, breaches) | run_devices(jobs)
+        check_recording_of_device(jobs, breaches)
+        figures = {}
+        for build in DEVICES:
+            check_symbols(build, breaches)
+            figures[build] = measured_figures(build, runs[build], stack_of(build))
+            check_budgets(build, figures[build], budgets, breaches)
+        stack = stack_of("m7")
+    except (CheckError, CallGraphError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    hashes = {name: combined(of) for name, of in runs.items()}
+    for name, of in runs.items():
+        for job in GOLDENS:
+            if of[job].hashes != runs[REFERENCE][job].hashes:
+                breaches.add(f"{name}: {job}: another hash than {REFERENCE}")
+    print_builds(hashes, figures)
+    print()
+    print_costs(runs["m7"])
+    print()
+    print_functions(runs["m7"][CUBE])
+    print(
+        f"deepest calls, {stack.bytes} bytes: " + " > ".join(f"{n} {b}" for n, b in stack.functions)
+    )
+    print()
+    print_budgets(figures["m7"], [row for row in budgets if row["build"] == "m7"])
+    for line in breaches.lines:
+        print(f"breach: {line}", file=sys.stderr)
+    return 1 if breaches.lines else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,70 @@
+"""Replays as one block of bytes each (tests/check/job.h), for programs that run them on any target."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from crease.native import ffi, lib
+from crease.trajectory import Trajectory, load_trajectory
+
+ROOT = Path(__file__).resolve().parents[2]
+PATH, RECORDING = 0, 1
+_CONFIG_AT = 64
+_ALIGN = 64
+
+
+def _align(size: int) -> int:
+    return -(-size // _ALIGN) * _ALIGN
+
+
+def make_job(kind: int, scene: bytes, data: bytes, config: bytes = b"") -> bytes:
+    """The block: head, settings, scene, data."""
+    scene_at = _align(_CONFIG_AT + len(config) + _ALIGN)
+    data_at = _align(scene_at + len(scene))
+    head = struct.pack("<8s5I", b"CRJOB001", kind, scene_at, len(scene), data_at, len(data))
+    block = bytearray(data_at + len(data))
+    block[: len(head)] = head
+    block[_CONFIG_AT : _CONFIG_AT + len(config)] = config
+    block[scene_at : scene_at + len(scene)] = scene
+    block[data_at:] = data
+    return bytes(block)
+
+
+def path_rows(path: Trajectory) -> npt.NDArray[np.float32]:
+    """Poses and periods as the firmware takes them: (n, 8), position, quaternion, period."""
+    period_s = np.diff(path.t_s, prepend=path.t_s[0] - path.first_period_s)
+    return np.column_stack([path.rows[:, 1:], period_s]).astype("<f4")
+
+
+def path_job(scene: bytes, rows: npt.NDArray[np.float32], **settings: float) -> bytes:
+    """A path through a scene; settings: members of cr_config beside the defaults."""
+    config = ffi.new("cr_config *", lib.cr_config_default())
+    for name, value in settings.items():
+        setattr(config, name, value)
+    return make_job(PATH, scene, rows.astype("<f4").tobytes(), bytes(ffi.buffer(config)))
+
+
+def recording_job(scene: bytes, recording: bytes) -> bytes:
+    """A recording of the servo, run again."""
+    return make_job(RECORDING, scene, recording)
+
+
+def golden_path_job(scene: str, **settings: Any) -> bytes:
+    """One of meshes/scenes.toml with its own path, from build/."""
+    image = (ROOT / "build" / "scenes" / f"{scene}.crs").read_bytes()
+    path = load_trajectory(ROOT / "build" / "meshes" / f"{scene}.csv")
+    return path_job(image, path_rows(path), **settings)
+
+
+def free_rows(ticks: int = 300) -> npt.NDArray[np.float32]:
+    """The tool in free space, 0.2 to 0.5 m above the object, moving and turning as a hand does."""
+    t = np.arange(ticks) * 1e-3
+    half = 0.3 * np.sin(2.0 * np.pi * t)
+    z = 0.35 + 0.15 * np.cos(2.0 * np.pi * t)
+    zero = 0.0 * t
+    columns = [0.05 * np.sin(7.0 * t), zero, z, np.cos(half), np.sin(half), zero, zero, zero + 1e-3]
+    return np.column_stack(columns).astype("<f4")
