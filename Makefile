@@ -24,7 +24,7 @@ FIRMWARE_C := $(wildcard firmware/*.c)
 # Other methods, for comparison: host and simulator only, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
-PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C))
+PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) firmware/port/cortex-m7/fdcan.c
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
 C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
@@ -135,7 +135,7 @@ CC_fuzz := clang
 CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
 C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -DCR_RIVALS -ffp-contract=off -fno-math-errno
-INCLUDES := -Ifirmware -Ifirmware/port/linux -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
+INCLUDES := -Ifirmware -Ifirmware/port/linux -Ifirmware/port/cortex-m7 -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
 
 define VARIANT
 build/$(1)/%.o: %.c

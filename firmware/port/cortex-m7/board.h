@@ -1,8 +1,8 @@
-/* What the port asks of a board: time, a 1 kHz pace, a way to stop. One file of the port implements it for each board. */
+/* What the port asks of a board: time, a 1 kHz pace, a switch, a way to stop. One file of the port implements it for each board. */
 #ifndef CORTEX_BOARD_H
 #define CORTEX_BOARD_H
 
-#include <stdint.h>
+#include "servo.h"
 
 #define BOARD_STOP_DONE 0u
 #define BOARD_STOP_FAILED 1u
@@ -17,6 +17,22 @@ _Noreturn void board_stop(uint32_t why);
 
 /* SysTick's exception. */
 void board_systick(void);
+
+/* Purpose  clocks, pins, watchdog; the pace begins.   Output  0; -1: a clock does not start. */
+int board_start(void);
+
+/* Purpose  sleep until the next period begins, and keep the watchdog quiet.   Output  periods that were slept over, 0 as a rule. */
+uint32_t board_wait_period(void);
+
+/* Nanoseconds since board_start; never back. Asked at least once a second. */
+uint64_t board_now_ns(void);
+
+/* Purpose  what the operator wants: CR_COMMAND_START when the switch goes on (CR_COMMAND_CLEAR in a fault), CR_COMMAND_STOP while it
+ *          is off. */
+uint32_t board_commands(uint32_t mode);
+
+/* Purpose  the record of a tick, for whoever keeps it. */
+void board_keep(const cr_record *record);
 
 /* Purpose  most bytes of stack used since reset. */
 uint32_t board_stack_used(void);

@@ -17,6 +17,7 @@ CORTEX_FLAGS := -std=c11 -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-er
     -Wall -Wextra -Wconversion -Wshadow -Wdouble-promotion -Wfloat-conversion -Wvla -Werror
 CORTEX_INCLUDES := -Ifirmware -I$(CORTEX) -Itests/check
 CORTEX_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -L$(CORTEX)
+CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.c)
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
 
 define CORTEX_VARIANT
@@ -34,15 +35,25 @@ build/$(1)/replay.elf: $(EMULATED_C:%.c=build/$(1)/%.o) build/$(1)/libcrease.a $
 endef
 $(foreach variant,m7 m4f m55,$(eval $(call CORTEX_VARIANT,$(variant))))
 
+# The device: an STM32H743. SCENE is the image beside its code.
+SCENE ?= build/scenes/edge90_cube.crs
+
+build/m7/scene.o: $(CORTEX)/scene.S $(SCENE)
+	@$(ARM)gcc $(CPU_m7) -mthumb '-DSCENE_FILE="$(SCENE)"' -c $< -o $@
+
+build/m7/controller.elf: $(CONTROLLER_C:%.c=build/m7/%.o) build/m7/scene.o build/m7/libcrease.a $(CORTEX)/stm32h743.ld $(CORTEX)/sections.ld
+	@$(ARM)gcc $(CPU_m7) $(CORTEX_FLAGS) $(CORTEX_LINK) -T stm32h743.ld $(filter %.o %.a,$^) -o $@
+
 # Not in APT: 1 GB that only the device images and their checks need.
 build/.device: FORCE
 	$(call APT_INSTALL,$(APT_DEVICE))
 
-firmware-m7: build/.device build/m7/replay.elf ## library and images for the Cortex-M7, with their sizes
+firmware-m7: build/.device build/scenes/.stamp build/m7/replay.elf build/m7/controller.elf ## library and images for the Cortex-M7, with their sizes
 firmware-m4f: build/.device build/m4f/replay.elf ## the same for the Cortex-M4 with FPU
 firmware-m55: build/.device build/m55/replay.elf ## the same for the Cortex-M55
 firmware-m7 firmware-m4f firmware-m55: firmware-%:
 	@$(ARM)size -t build/$*/libcrease.a
+	@$(ARM)size build/$*/*.elf
 
 check-device: build/.host build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
 	@cd tests/device && $(abspath $(PY)) check.py $(if $(LONG),--long)

@@ -15,7 +15,6 @@ extern uint32_t _data_load, _data_start, _data_end, _bss_start, _bss_end, _stack
 int main(void);
 void reset(void);
 void trap(void);
-void unused(void);
 
 /* No return address: reset is where the processor begins. */
 void reset(void) {
@@ -41,7 +40,6 @@ void reset(void) {
 }
 
 void trap(void) { board_stop(BOARD_STOP_FAULT); }
-void unused(void) { board_stop(BOARD_STOP_FAULT); }
 
 uint32_t board_stack_used(void) {
     const uint32_t *at = &_stack_bottom;
@@ -58,7 +56,7 @@ typedef union {
 
 /* The system exceptions. No peripheral interrupts a tick: the loop asks, nothing calls. */
 __attribute__((section(".vectors"), used)) static const vector vectors[16] = {
-    {.stack = &_stack_top}, {.handler = reset},  {.handler = trap},   {.handler = trap},
-    {.handler = trap},      {.handler = trap},   {.handler = trap},   {.handler = trap},
-    {.handler = unused},    {.handler = unused}, {.handler = unused}, {.handler = trap},
-    {.handler = unused},    {.handler = unused}, {.handler = trap},   {.handler = board_systick}};
+    {.stack = &_stack_top}, {.handler = reset}, {.handler = trap}, {.handler = trap},
+    {.handler = trap},      {.handler = trap},  {.handler = trap}, {.handler = trap},
+    {.handler = trap},      {.handler = trap},  {.handler = trap}, {.handler = trap},
+    {.handler = trap},      {.handler = trap},  {.handler = trap}, {.handler = board_systick}};

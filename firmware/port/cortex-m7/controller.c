@@ -1,0 +1,79 @@
+/* controller: the device without an operating system. One loop, 1 kHz, paced by the board; no interrupt but its clock.
+ *
+ * Each period: SYNC, the drives' answers, the tick, its frames. The answer to SYNC k acts from SYNC k + 1 on, as on Linux. The wrist
+ * has no encoders on this board and stands straight, as `fixed_deg` of device.toml has it on Linux. */
+#include "board.h"
+#include "can.h"
+
+/* After SYNC: the tick starts then at the latest. */
+#define DEADLINE_NS 400000u
+/* A world with a few thousand groups and clusters; set-up fails when a scene needs more. */
+#define MEMORY_BYTES (80u * 1024u)
+
+extern const uint8_t _scene_start[], _scene_room_end[];
+
+int main(void);
+
+static _Alignas(64) uint8_t memory[MEMORY_BYTES];
+
+static cr_servo *make_servo(const cr_servo_config *config) {
+    cr_scene scene;
+    cr_servo *servo = NULL;
+    cr_err err = cr_scene_open(&scene, _scene_start, (size_t)(_scene_room_end - _scene_start));
+    err = err == CR_OK ? cr_servo_init(&servo, memory, sizeof memory, &scene, config) : err;
+    return err == CR_OK ? servo : NULL;
+}
+
+static void send_all(cr_servo *servo, const cr_tx *tx) {
+    for (uint32_t i = 0; i < tx->count; i++) {
+        if (can_send(&tx->frames[i]) != 0) {
+            cr_servo_input(servo, CR_INPUT_SEND_FAILED);
+        }
+    }
+}
+
+/* Frames until all drives have answered, or until then. */
+static void collect(cr_servo *servo, uint64_t until_ns) {
+    cr_frame frame;
+    int waiting = 1;
+    while (waiting) {
+        while (can_receive(&frame)) {
+            cr_servo_rx(servo, &frame);
+        }
+        waiting = board_now_ns() < until_ns && !cr_servo_get_status(servo).ready;
+    }
+    cr_servo_rx_drops(servo, can_lost());
+    if (can_was_off()) {
+        cr_servo_input(servo, CR_INPUT_BUS_OFF);
+    }
+}
+
+static void run_period(cr_servo *servo, const cr_servo_config *config, uint64_t *last_ns) {
+    cr_tx tx;
+    collect(servo, 0u);
+    const uint64_t sync_ns = board_now_ns();
+    cr_servo_sync(servo, sync_ns, &tx);
+    send_all(servo, &tx);
+    collect(servo, sync_ns + DEADLINE_NS);
+    cr_servo_input(servo, board_commands(cr_servo_get_status(servo).mode));
+    const uint32_t since_ns = (uint32_t)(sync_ns - *last_ns); /* periods are far below 4 s */
+    const float period_s = *last_ns == 0u ? config->period_s : (float)since_ns * 1e-9f;
+    cr_servo_tick(servo, board_now_ns(), period_s <= 1.0f ? period_s : 1.0f, &tx);
+    send_all(servo, &tx);
+    board_keep(cr_servo_get_record(servo));
+    *last_ns = sync_ns;
+}
+
+int main(void) {
+    static cr_servo_config config;
+    config = cr_servo_config_default();
+    cr_servo *servo = make_servo(&config);
+    uint64_t last_ns = 0u;
+    if (servo == NULL || board_start() != 0 || can_start() != 0) {
+        return 1;
+    }
+    for (;;) {
+        board_wait_period();
+        run_period(servo, &config, &last_ns);
+    }
+}
