@@ -42,9 +42,10 @@ HOSTS = {
     "gcc -O2 scalar": ("gcc", "-O2", "-fno-tree-vectorize"),
     "gcc -O3 native": ("gcc", "-O3", "-march=native"),
     "clang -O3 native": ("clang", "-O3", "-march=native"),
+    "gcc -O2 lane by lane": ("gcc", "-O2", "-DCR_SCALAR=1"),
     "aarch64 -O2": ("aarch64-linux-gnu-gcc", "-O2", "-static"),
 }
-QUICK_HOSTS = ("gcc -O0", "gcc -O3 native", "clang -O2", "clang -O3 native", "aarch64 -O2")
+QUICK_HOSTS = ("gcc -O2 lane by lane", "gcc -O0", "gcc -O3 native", "clang -O2", "clang -O3 native", "aarch64 -O2")
 DEVICES = {
     "m7": ("mps2-an500", 0x60000000),
     "m4f": ("mps2-an386", 0x21000000),
