@@ -2,8 +2,8 @@
  *
  *     replay_hash JOB [MADE.bin]
  *
- * Prints `answers HASH all HASH ticks N touching N overflows N different N state N`. MADE.bin gets the records that a recording
- * job made, 512 bytes a tick. */
+ * MADE.bin gets what each tick made: of a recording its record, 512 bytes; of a path its counts, 14 words: cr_stats, areas, zones.
+ * Prints `answers HASH all HASH ticks N touching N overflows N different N state N`. */
 #include "blob.h"
 #include "job.h"
 
@@ -12,6 +12,15 @@
 #include <stdlib.h>
 
 #define STATE_MAX (256u * 1024u)
+
+/* What the last tick made. */
+static int write_tick(const job *j, FILE *made) {
+    if (j->records != NULL) {
+        return fwrite(cr_servo_get_record(j->servo), sizeof(cr_record), 1, made) == 1;
+    }
+    const uint32_t answered[2] = {j->out.area_count, j->out.zone_count};
+    return fwrite(&j->out.stats, sizeof j->out.stats, 1, made) == 1 && fwrite(answered, sizeof answered, 1, made) == 1;
+}
 
 int main(int argc, char **argv) {
     static job j;
@@ -22,14 +31,14 @@ int main(int argc, char **argv) {
     const blob bytes = blob_read(argv[1]), memory = blob_make(STATE_MAX);
     const char *wrong = job_open(&j, bytes.bytes, bytes.size, memory.bytes, memory.size);
     FILE *made = wrong == NULL && argc == 3 ? fopen(argv[2], "wb") : NULL;
-    if (wrong != NULL || (argc == 3 && (made == NULL || j.records == NULL))) {
-        fprintf(stderr, "%s: %s\n", argv[1], wrong != NULL ? wrong : "no records to write, or not writable");
+    if (wrong != NULL || (argc == 3 && made == NULL)) {
+        fprintf(stderr, "%s: %s\n", argv[wrong != NULL ? 1 : 2], wrong != NULL ? wrong : "cannot be written");
         return 1;
     }
     for (uint32_t i = 0; i < j.ticks; i++) {
         job_tick(&j, i);
         job_hash(&j);
-        if (made != NULL && fwrite(cr_servo_get_record(j.servo), sizeof(cr_record), 1, made) != 1) {
+        if (made != NULL && !write_tick(&j, made)) {
             perror(argv[2]);
             return 1;
         }
