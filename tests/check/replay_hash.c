@@ -2,7 +2,7 @@
  *
  *     replay_hash JOB [MADE.bin]
  *
- * MADE.bin gets what each tick made: of a recording its record, 512 bytes; of a path its counts, 14 words: cr_stats, areas, zones.
+ * MADE.bin gets what each tick made: of a recording its record, 512 bytes; of a path 17 words: cr_stats, areas, zones, force in N.
  * Prints `answers HASH all HASH ticks N touching N overflows N different N state N`. */
 #include "blob.h"
 #include "job.h"
@@ -19,7 +19,9 @@ static int write_tick(const job *j, FILE *made) {
         return fwrite(cr_servo_get_record(j->servo), sizeof(cr_record), 1, made) == 1;
     }
     const uint32_t answered[2] = {j->out.area_count, j->out.zone_count};
-    return fwrite(&j->out.stats, sizeof j->out.stats, 1, made) == 1 && fwrite(answered, sizeof answered, 1, made) == 1;
+    return fwrite(&j->out.stats, sizeof j->out.stats, 1, made) == 1 &&
+           fwrite(answered, sizeof answered, 1, made) == 1 &&
+           fwrite(&j->out.force_world_N, sizeof j->out.force_world_N, 1, made) == 1;
 }
 
 int main(int argc, char **argv) {

@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from callgraph import CallGraphError, Chain, read_graph, worst_chain
-from jobs import ROOT, free_rows, golden_path_job, path_job, recording_job
+from crease.trajectory import load_trajectory
+from jobs import ROOT, free_rows, golden_path_job, path_job, path_rows, recording_job
 from loops import golden_recording
 
 BUILD = ROOT / "build" / "device"
@@ -45,7 +46,14 @@ HOSTS = {
     "gcc -O2 lane by lane": ("gcc", "-O2", "-DCR_SCALAR=1"),
     "aarch64 -O2": ("aarch64-linux-gnu-gcc", "-O2", "-static"),
 }
-QUICK_HOSTS = ("gcc -O2 lane by lane", "gcc -O0", "gcc -O3 native", "clang -O2", "clang -O3 native", "aarch64 -O2")
+QUICK_HOSTS = (
+    "gcc -O2 lane by lane",
+    "gcc -O0",
+    "gcc -O3 native",
+    "clang -O2",
+    "clang -O3 native",
+    "aarch64 -O2",
+)
 DEVICES = {
     "m7": ("mps2-an500", 0x60000000),
     "m4f": ("mps2-an386", 0x21000000),
@@ -114,14 +122,19 @@ def read_line(text: str) -> tuple[tuple[str, str], dict[str, int]]:
 # ---------------------------------------------------------------------------------------------------------- runs
 
 
-def build_host(name: str, extra: Sequence[str] = ()) -> Path:
+def runner_of(name: str) -> Path:
+    """Where a host's job runner lies."""
+    return BUILD / ("runner " + name).replace(" ", "_")
+
+
+def build_host(name: str) -> Path:
     """The job runner for Linux, built with one compiler and its options."""
     compiler, *options = HOSTS[name]
-    program = BUILD / ("runner " + name).replace(" ", "_")
+    program = runner_of(name)
     sources = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
     sources += sorted((ROOT / "firmware").glob("*.c"))
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
-    command([compiler, *FLAGS, *options, *extra, *includes, *sources, "-lm", "-o", program])
+    command([compiler, *FLAGS, *options, *includes, *sources, "-lm", "-o", program])
     return program
 
 
@@ -285,6 +298,36 @@ def check_budgets(
             )
 
 
+COST_FIXED, COST_NODE, COST_POINT, COST_HIT, COST_ZONE, COST_HIT_ZONE = (
+    20_000,
+    900,
+    420,
+    3_000,
+    4_500,
+    950,
+)
+"""Instructions of the M7 for a tick, and for each item that it counts: DESIGN.md "Budgets"."""
+
+
+def bound_of(counts: npt.NDArray[np.uint32]) -> npt.NDArray[np.int64]:
+    """Instructions that ticks with these counts cannot exceed. counts: rows of replay_hash's MADE.bin."""
+    c = counts.astype(np.int64)
+    nodes, points, hits, zones = c[:, 0], c[:, 1], c[:, 3], c[:, 13]
+    work = COST_NODE * nodes + COST_POINT * points + COST_HIT * hits
+    return COST_FIXED + work + COST_ZONE * zones + COST_HIT_ZONE * hits * zones
+
+
+def check_bound(name: str, run: Run, counts: npt.NDArray[np.uint32], breaches: Breaches) -> float:
+    """No measured tick exceeds the bound by construction.   Output: the largest share of it that was used."""
+    assert run.ticks is not None
+    share = run.ticks[:, 0] / bound_of(counts)
+    worst = int(share.argmax())
+    if share[worst] > 1.0:
+        cost = f"{int(run.ticks[worst, 0]):,} instructions, {int(bound_of(counts)[worst]):,} by construction"
+        breaches.add(f"{name}: tick {worst}: {cost}")
+    return float(share[worst])
+
+
 def read_budgets() -> list[dict[str, str]]:
     """Rows of tests/check/budgets.csv."""
     with (ROOT / "tests/check/budgets.csv").open(encoding="ascii") as file:
@@ -387,6 +430,59 @@ def print_budgets(figures: dict[str, int], rows: Sequence[dict[str, str]]) -> No
     print_table(table)
 
 
+# ---------------------------------------------------------------------------------------------------- worst poses
+
+WORST = ROOT / "tests" / "device" / "worst_poses.csv"
+WORST_COLUMNS = ("scene", "tick", "instructions", *("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"))
+WORST_SLACK = 1.02
+"""Another version of the compiler may take a little more."""
+
+
+def run_pose(scene: str, pose: npt.NDArray[np.float32]) -> int:
+    """Instructions of the M7 for a pose out of nothing: a new world, nothing asleep."""
+    row = np.r_[pose, np.float32(1e-3)].astype("<f4")[None]
+    with tempfile.TemporaryDirectory(prefix="crease-pose-") as folder:
+        job = Path(folder) / "pose.job"
+        image = (ROOT / "build" / "scenes" / f"{scene}.crs").read_bytes()
+        job.write_bytes(path_job(image, row, damping_Ns_m=2.0))
+        run = run_device("m7", ROOT / "build" / "m7" / "replay.elf", job)
+    assert run.ticks is not None
+    return int(run.ticks[0, 0])
+
+
+def write_worst_poses(runs: dict[str, Run]) -> None:
+    """The most expensive pose of each replay, for the times to come."""
+    with WORST.open("w", encoding="ascii", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(WORST_COLUMNS)
+        for scene, run in runs.items():
+            if scene in (FREE, LOOP) or run.ticks is None:
+                continue
+            at = int(run.ticks[:, 0].argmax())
+            path = load_trajectory(ROOT / "build" / "meshes" / f"{scene}.csv")
+            pose = path_rows(path)[at, :7]
+            table.writerow([scene, at, run_pose(scene, pose), *(f"{value:.9g}" for value in pose)])
+
+
+def check_worst_poses(breaches: Breaches) -> None:
+    """No pose that was once the most expensive one has become more so."""
+    with WORST.open(encoding="ascii") as file:
+        rows = list(csv.DictReader(file))
+
+    def one(row: dict[str, str]) -> int:
+        pose = np.array([float(row[name]) for name in WORST_COLUMNS[3:]], dtype=np.float32)
+        return run_pose(row["scene"], pose)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        costs = list(pool.map(one, rows))
+    for row, cost in zip(rows, costs, strict=True):
+        if cost > WORST_SLACK * int(row["instructions"]):
+            cost_then = f"{int(row['instructions']):,}"
+            breaches.add(
+                f"m7: {row['scene']}: its worst pose takes {cost:,} instructions, not {cost_then}"
+            )
+
+
 # ------------------------------------------------------------------------------------------------------------ all
 
 
@@ -426,6 +522,20 @@ def run_devices(jobs: dict[str, Path]) -> dict[str, dict[str, Run]]:
     return runs
 
 
+def check_bounds(
+    jobs: dict[str, Path], runs: dict[str, Run], breaches: Breaches
+) -> dict[str, float]:
+    """Measured instructions against those that the counts of the same ticks allow."""
+    shares = {}
+    for name, run in runs.items():
+        if name != LOOP:
+            made = BUILD / f"{name}.counts"
+            run_host(REFERENCE, runner_of(REFERENCE), jobs[name], made)
+            counts = np.fromfile(made, dtype="<u4").reshape(-1, 17)
+            shares[name] = check_bound(name, run, counts, breaches)
+    return shares
+
+
 def check_recording_of_device(jobs: dict[str, Path], breaches: Breaches) -> None:
     """The records that the M7 made are those of this machine, and run again here."""
     job = jobs[LOOP].read_bytes()
@@ -433,7 +543,7 @@ def check_recording_of_device(jobs: dict[str, Path], breaches: Breaches) -> None
     head = job[: len(job) - len(made)]
     mixed = BUILD / "made_on_m7.job"
     mixed.write_bytes(head + made)
-    run = run_host(REFERENCE, BUILD / ("runner " + REFERENCE).replace(" ", "_"), mixed)
+    run = run_host(REFERENCE, runner_of(REFERENCE), mixed)
     if len(made) != run.figures["ticks"] * 512 or run.figures["different"]:
         breaches.add(
             f"{LOOP}: {run.figures['different']} records made on the m7 do not run again on this machine"
@@ -443,6 +553,7 @@ def check_recording_of_device(jobs: dict[str, Path], breaches: Breaches) -> None
 def main() -> int:
     """Command line: see the Makefile."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--keep-worst", action="store_true", help="write worst_poses.csv anew")
     parser.add_argument(
         "--long", action="store_true", help="all compilers and options, and more scenes"
     )
@@ -467,6 +578,10 @@ def main() -> int:
         jobs = write_jobs((*GOLDENS, *(STRESS if args.long else ())))
         runs = run_hosts(names, jobs, breaches) | run_devices(jobs)
         check_recording_of_device(jobs, breaches)
+        bounds = check_bounds(jobs, runs["m7"], breaches)
+        if args.keep_worst:
+            write_worst_poses(runs["m7"])
+        check_worst_poses(breaches)
         figures = {}
         for build in DEVICES:
             check_symbols(build, breaches)
@@ -484,6 +599,7 @@ def main() -> int:
     print_builds(hashes, figures)
     print()
     print_costs(runs["m7"])
+    print(f"largest share of the bound by construction: {max(bounds.values()):.2f}")
     print()
     print_functions(runs["m7"][CUBE])
     print(

@@ -1,0 +1,138 @@
+"""The checks of `make check-device` can fail: each is shown something that is wrong."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from callgraph import CallGraphError, Graph, deepest, read_graph, worst_chain
+from check import (
+    FLAGS,
+    Breaches,
+    Run,
+    allowed_symbols,
+    check_bound,
+    check_budgets,
+    read_counts,
+    undefined_symbols,
+)
+from crease.trajectory import load_trajectory
+from jobs import ROOT, path_job, path_rows
+
+EXTERNAL = {"memset": 32, "memcpy": 32}
+
+
+def compile_c(folder: Path, name: str, text: str, *options: str) -> Path:
+    """An object and its call graph from a few lines of C."""
+    source = folder / f"{name}.c"
+    source.write_text(text, encoding="ascii")
+    words = [
+        "gcc",
+        "-c",
+        "-O1",
+        "-fcallgraph-info=su",
+        *options,
+        source,
+        "-o",
+        folder / f"{name}.o",
+    ]
+    subprocess.run([str(word) for word in words], check=True, cwd=folder)
+    return folder / f"{name}.ci"
+
+
+def test_recursion_through_two_files_is_found(tmp_path: Path) -> None:
+    a = compile_c(tmp_path, "a", "int pong(int); int ping(int n) { return pong(n - 1) + 1; }")
+    b = compile_c(tmp_path, "b", "int ping(int); int pong(int n) { return n ? ping(n) + 2 : 0; }")
+    with pytest.raises(CallGraphError, match=r"recursion: p.ng -> p.ng -> p.ng"):
+        worst_chain(read_graph([a, b], EXTERNAL, {}))
+
+
+def test_frame_of_variable_size_is_found(tmp_path: Path) -> None:
+    text = "void use(char *); void vary(int n) { char room[n]; use(room); }"
+    with pytest.raises(CallGraphError, match="vary: the size of its stack is dynamic"):
+        read_graph([compile_c(tmp_path, "vla", text)], {"use": 8}, {})
+
+
+def test_call_through_a_pointer_has_to_be_listed(tmp_path: Path) -> None:
+    text = "int (*hook)(int); int poke(int n) { return hook(n) + 1; } int one(int n) { return n; }"
+    file = compile_c(tmp_path, "hook", text)
+    with pytest.raises(CallGraphError, match="poke calls through a pointer"):
+        read_graph([file], EXTERNAL, {})
+    assert worst_chain(read_graph([file], EXTERNAL, {"poke": ("one",)})).functions[0][0] == "poke"
+
+
+def test_function_of_unknown_stack_is_found(tmp_path: Path) -> None:
+    file = compile_c(
+        tmp_path, "call", "int far_away(int); int near(int n) { return far_away(n) + 1; }"
+    )
+    with pytest.raises(CallGraphError, match="near calls far_away"):
+        read_graph([file], EXTERNAL, {})
+
+
+def test_chain_is_the_deepest_not_the_longest() -> None:
+    frames = {"root": 10, "a": 5, "b": 5, "c": 5, "wide": 100}
+    calls = {"root": {"a", "wide"}, "a": {"b"}, "b": {"c"}, "c": set(), "wide": set()}
+    chain = deepest(Graph(frames, calls), "root")
+    assert (chain.bytes, chain.functions) == (110, (("root", 10), ("wide", 100)))
+
+
+def test_symbol_from_outside_is_found(tmp_path: Path) -> None:
+    compile_c(tmp_path, "heap", "#include <stdlib.h>\nvoid *get(void) { return malloc(8); }")
+    compile_c(tmp_path, "own", "void *get(void); void *twice(void) { return get() ? get() : 0; }")
+    needed = undefined_symbols([tmp_path / "heap.o", tmp_path / "own.o"], nm="nm")
+    assert needed == {"heap.o": ["malloc"], "own.o": []}
+    assert "malloc" not in allowed_symbols()
+
+
+def test_budget_that_is_exceeded_or_not_measured_is_a_breach() -> None:
+    row = {"build": "m7", "what": "flash", "budget": "100", "target": "90", "unit": "bytes"}
+    for value, expected in ((100, 0), (101, 1), (None, 1)):
+        breaches = Breaches()
+        check_budgets("m7", {} if value is None else {"flash": value}, [row], breaches)
+        assert len(breaches.lines) == expected
+
+
+def test_tick_beyond_the_bound_is_a_breach() -> None:
+    counts = np.zeros((2, 17), dtype=np.uint32)
+    for cost, expected in ((1_000, 0), (1_000_000, 1)):
+        ticks = np.array([[cost, cost, 0, 0, 0, 0]] * 2)
+        breaches = Breaches()
+        check_bound("x", Run(("", ""), {}, ticks, ("tick",)), counts, breaches)
+        assert len(breaches.lines) == expected
+
+
+def test_ticks_that_were_not_counted_are_an_error() -> None:
+    text = "stages tick detect\ntick 0 10 6 4\nfn 10 10 cr_tick\n"
+    assert read_counts(("", ""), {"ticks": 1}, text).functions == (("cr_tick", 10, 10),)
+    with pytest.raises(Exception, match="1 ticks were counted, 2 were run"):
+        read_counts(("", ""), {"ticks": 2}, text)
+
+
+def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
+    """One step of one constant: what a compiler that contracts or reorders would do to a product."""
+    rows = path_rows(load_trajectory(ROOT / "build/meshes/edge90_sphere.csv"))[400:600]
+    scene = (ROOT / "build/scenes/edge90_sphere.crs").read_bytes()
+    job = tmp_path / "one.job"
+    job.write_bytes(path_job(scene, rows))
+    hashes = []
+    for name in ("as it is", "off by one"):
+        folder = tmp_path / name.replace(" ", "_")
+        folder.mkdir()
+        for source in (*(ROOT / "firmware").glob("*.[ch]"), *(ROOT / "tests/check").glob("*.[ch]")):
+            text = source.read_text(encoding="utf-8")
+            if name == "off by one" and source.name == "tick.c":
+                exact = "config.stiffness_N_m * area->depth_m"
+                assert text.count(exact) == 1
+                text = text.replace(exact, exact + " * 1.0000001f")
+            (folder / source.name).write_text(text, encoding="utf-8")
+        parts = [folder / f"{part}.c" for part in ("replay_hash", "job", "blob")]
+        parts += [folder / path.name for path in (ROOT / "firmware").glob("*.c")]
+        words = ["gcc", "-O1", *FLAGS, f"-I{folder}", *parts, "-lm", "-o", folder / "runner"]
+        subprocess.run([str(word) for word in words], check=True)
+        said = subprocess.run([folder / "runner", job], capture_output=True, text=True, check=True)
+        told = said.stdout.split()
+        assert int(told[told.index("touching") + 1]) > 50
+        hashes.append(told[told.index("answers") + 1])
+    assert hashes[0] != hashes[1]
