@@ -25,10 +25,10 @@
 #error "CR_TREE_DEPTH_MAX: 2..8 levels"
 #endif
 
-/* Clusters in contact that one tick may keep. 704 clusters are 11,264 points: at 2 mm spacing a patch of 210 x 210 mm.
+/* Clusters in contact that one tick may keep. 544 clusters are 8,704 points: at 2 mm spacing a patch of 186 x 186 mm. With more, servo and world would exceed 64 KiB.
  * What does not fit is left out and counted in stats.clusters_dropped. */
 #ifndef CR_CLUSTERS_MAX
-#define CR_CLUSTERS_MAX 704
+#define CR_CLUSTERS_MAX 544
 #endif
 #if CR_CLUSTERS_MAX < 16 || CR_CLUSTERS_MAX > 65535
 #error "CR_CLUSTERS_MAX: 16..65535 clusters"

@@ -59,8 +59,8 @@ DEVICES = {
     "m4f": ("mps2-an386", 0x21000000),
     "m55": ("mps3-an547", 0x60000000),
 }
-INDIRECT = {"answer_group": ("keep_normal", "turn_to_45")}
-"""The only calls through a pointer: the response table."""
+INDIRECT = {"answer_group": ("keep_normal", "turn_to_45"), "cr_respond": ()}
+"""The only calls through a pointer: the response table. Rivals, which cr_respond would call, are not in a device library."""
 REFERENCE = "gcc -O2"
 LIMIT_S = 600.0
 
