@@ -65,10 +65,9 @@ static int was_straight(const cr_field *f, const cr_lookup *at, int i, cr_vec3 f
 
 /* Moves the chosen crease lanes of a cluster to the lowest point along n at which their pieces are inside. Two steps: near an
  * edge of the static object the distance bends, so where a step lands is looked at again. Lanes that do not land on the surface
- * leave the set: their piece stays outside. */
-static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool,
-                         const cr_lookup *at, cr_lanes3 *world, uint32_t *lanes) {
-    cr_lookup again;
+ * leave the set: their piece stays outside. `at` is overwritten. */
+static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster *c, cr_vec3 n_tool, cr_lookup *at,
+                         cr_lanes3 *world, uint32_t *lanes) {
     uint32_t straight = 0u;
     for (uint32_t left = *lanes; left != 0u;) {
         int i = take_lane(&left);
@@ -82,14 +81,14 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     if ((*lanes & ~straight) == 0u) {
         return;
     }
-    cr_field_look_up_lanes(in->field, world, *lanes & ~straight, &again);
+    cr_field_look_up_lanes(in->field, world, *lanes & ~straight, at);
     uint32_t unsure = 0u;
     for (uint32_t left = *lanes & ~straight; left != 0u;) {
         int i = take_lane(&left);
         cr_vec3 p = lane_of(world, i);
-        if (again.phi_m[i] > 0.0f) {
+        if (at->phi_m[i] > 0.0f) {
             unsure |= 1u << i;
-            *lanes &= clip_to_surface(c, &again, in->world_from_tool, i, &p) ? *lanes : ~(1u << i);
+            *lanes &= clip_to_surface(c, at, in->world_from_tool, i, &p) ? *lanes : ~(1u << i);
         }
         world->x[i] = p.x;
         world->y[i] = p.y;
@@ -98,16 +97,16 @@ static void enter_pieces(const cr_respond_input *in, const struct cr_img_cluster
     if ((unsure & *lanes) == 0u) {
         return;
     }
-    cr_field_look_up_lanes(in->field, world, unsure & *lanes, &again);
+    cr_field_look_up_lanes(in->field, world, unsure & *lanes, at);
     const float close_m = in->field->scene->meta->error_max_m + LANDING_M;
     for (uint32_t left = unsure & *lanes; left != 0u;) {
         int i = take_lane(&left);
-        float above = max_f(0.0f, again.phi_m[i]);
+        float above = max_f(0.0f, at->phi_m[i]);
         *lanes &= above <= close_m ? *lanes : ~(1u << i);
         /* What is left of the way is taken off straight: the point ends on the surface. */
-        world->x[i] -= above * again.gx[i];
-        world->y[i] -= above * again.gy[i];
-        world->z[i] -= above * again.gz[i];
+        world->x[i] -= above * at->gx[i];
+        world->y[i] -= above * at->gy[i];
+        world->z[i] -= above * at->gz[i];
     }
 }
 
@@ -196,10 +195,9 @@ static cr_vec3 slide_on_face(const struct cr_img_cluster *c, const cr_lookup *at
 
 /* Lowest n . p where a static edge or corner reaches into faces between their samples: each sample goes to where its piece enters.
  * What it still lacks to the surface, and the bow of the piece, count against it; and it counts as far as its piece is covered. */
-static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d,
-                             const cr_lookup *at, cr_lanes3 *world, uint32_t lanes, float best) {
+static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d, cr_lookup *at,
+                             cr_lanes3 *world, uint32_t lanes, float best) {
     float coverage[CR_LANES];
-    cr_lookup there;
     cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, world, at, coverage);
     for (uint32_t left = lanes; left != 0u;) {
         int i = take_lane(&left);
@@ -208,11 +206,11 @@ static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_clu
         world->y[i] = p.y;
         world->z[i] = p.z;
     }
-    cr_field_look_up_lanes(in->field, world, lanes, &there);
+    cr_field_look_up_lanes(in->field, world, lanes, at);
     while (lanes != 0u) {
         int i = take_lane(&lanes);
         cr_vec3 p = lane_of(world, i);
-        float height = v3_dot(d->n_world, p) + max_f(0.0f, there.phi_m[i]) + c->bow[i];
+        float height = v3_dot(d->n_world, p) + max_f(0.0f, at->phi_m[i]) + c->bow[i];
         float depth = min_f(1.0f, coverage[i] / FACE_FULL) * max_f(0.0f, d->plane_m - height);
         best = lies_behind(d, p) ? min_f(best, d->plane_m - depth) : best;
     }
@@ -228,12 +226,15 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     }
     cr_lanes3 world;
     cr_lookup at;
-    cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
-    cr_field_look_up_lanes(in->field, &world, lanes, &at);
+    /* Each overwrites what it is given: two lookups one after the other take half the stack of two at once. */
     if (faces != 0u) {
+        cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
+        cr_field_look_up_lanes(in->field, &world, faces, &at);
         best = lowest_on_faces(in, c, d, &at, &world, faces, best);
     }
     if (creases != 0u) {
+        cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
+        cr_field_look_up_lanes(in->field, &world, creases, &at);
         enter_pieces(in, c, d->n_tool, &at, &world, &creases);
     }
     while (creases != 0u) {

@@ -60,7 +60,7 @@ DEVICES = {
     "m55": ("mps3-an547", 0x60000000),
 }
 INDIRECT = {"answer_group": ("keep_normal", "turn_to_45"), "cr_respond": ()}
-"""The only calls through a pointer: the response table. Rivals, which cr_respond would call, are not in a device library."""
+"""The only calls through a pointer: the response table. cr_respond would call rivals, which no device library has."""
 REFERENCE = "gcc -O2"
 LIMIT_S = 600.0
 
