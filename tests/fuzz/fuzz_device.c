@@ -12,7 +12,7 @@ static void check_numbers(const device_config *d) {
         const cr_axis_config *x = &s->axis[a];
         HOLDS(isfinite(x->step) && isfinite(x->offset) && isfinite(x->rated) && isfinite(x->torque_max));
         HOLDS(isfinite(x->jump_max) && isfinite(x->gravity) && isfinite(x->coulomb) && isfinite(x->friction_speed));
-        HOLDS(isfinite(s->arm.joint_min[a]) && isfinite(s->arm.joint_max[a]) && isfinite(d->wrist_deg[a]));
+        HOLDS(isfinite(s->arm.joint_min[a]) && isfinite(s->arm.joint_max[a]));
         HOLDS(x->rated > 0.0f && x->torque_max > 0.0f && s->arm.joint_min[a] < s->arm.joint_max[a]);
     }
     HOLDS(memchr(d->interface, '\0', sizeof d->interface) != NULL && d->interface[0] != '\0');

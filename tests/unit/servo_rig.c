@@ -96,6 +96,14 @@ static void speak(crt_servo_rig *rig, uint32_t axis) {
         state.data[7] = (uint8_t)(d->status >> 8);
         cr_servo_rx(rig->servo, &state);
     }
+    if (d->operational && axis == 2u && rig->tick % 2u == 0u) {
+        cr_frame wrist = {0x194u, 6u, 0u, {0}};
+        for (int k = 0; k < 3; k++) {
+            wrist.data[2 * k] = (uint8_t)((uint16_t)rig->wrist[k] & 0xffu);
+            wrist.data[2 * k + 1] = (uint8_t)((uint16_t)rig->wrist[k] >> 8);
+        }
+        cr_servo_rx(rig->servo, &wrist);
+    }
     if (d->answer.size > 0u) {
         cr_servo_rx(rig->servo, &d->answer);
         d->answer.size = 0u;

@@ -18,6 +18,7 @@ typedef struct {
     void *memory;
     size_t memory_bytes;
     crt_drive drives[CR_AXES];
+    int16_t wrist[3]; /* counts; drive Z tells them with every second SYNC */
     uint64_t now_ns;
     uint32_t tick, was_mode, inputs; /* of the tick to come */
     cr_tx tx;
