@@ -12,7 +12,8 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 FIRMWARE = ROOT / "firmware"
 EXAMPLE = re.findall(r"```c\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
 SOURCES = [
-    FIRMWARE / f"{name}.c" for name in ("scene", "field", "coverage", "detect", "zones", "respond", "depth", "split", "published", "tick")
+    FIRMWARE / f"{name}.c"
+    for name in "scene field coverage detect zones respond depth split published tick".split()
 ]
 FLAGS = ["-std=c11", "-ffp-contract=off", "-fno-math-errno", "-O1"]
 

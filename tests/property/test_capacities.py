@@ -27,7 +27,18 @@ BUILDS = {
 }
 OVERFLOWS = {"clusters", "kernels", "all"}
 """Builds that must overflow in the scenes below; the others may."""
-STAGES = ("scene", "field", "coverage", "detect", "zones", "respond", "depth", "split", "published", "tick")
+STAGES = (
+    "scene",
+    "field",
+    "coverage",
+    "detect",
+    "zones",
+    "respond",
+    "depth",
+    "split",
+    "published",
+    "tick",
+)
 POSES = 80
 
 

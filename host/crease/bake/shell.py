@@ -109,7 +109,7 @@ def _part_weights(k: int) -> F64:
 
 @dataclass(frozen=True)
 class Cells:
-    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); the others (n,)."""
+    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); others (n,)."""
 
     position_m: F64
     area_m2: F64
@@ -540,8 +540,8 @@ def neighbours(samples: Samples, spacing_m: float) -> I64:
 def make_adjacency(
     clusters: npt.NDArray[Any], groups: list[I64], pairs: I64
 ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[Any]]:
-    """Which samples are beside each other: within a cluster into clusters["beside"], across clusters as start offsets and
-    records, one for each sample and each cluster beside it."""
+    """Which samples are beside each other: within a cluster into clusters["beside"], across clusters as start offsets
+    and records, one for each sample and each cluster beside it."""
     count = sum(len(ids) for ids in groups)
     cluster_of, lane_of = np.empty(count, np.int64), np.empty(count, np.int64)
     for i, ids in enumerate(groups):
