@@ -11,10 +11,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent.parent
 FIRMWARE = ROOT / "firmware"
 EXAMPLE = re.findall(r"```c\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-SOURCES = [
-    FIRMWARE / f"{name}.c"
-    for name in "scene field coverage detect zones respond depth split published tick".split()
-]
+STAGES = ("detect", "zones", "respond", "depth", "split", "published")
+SOURCES = [FIRMWARE / f"{name}.c" for name in ("scene", "field", "coverage", *STAGES, "tick")]
 FLAGS = ["-std=c11", "-ffp-contract=off", "-fno-math-errno", "-O1"]
 
 SCENE_S = """.section .rodata

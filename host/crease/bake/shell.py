@@ -109,7 +109,7 @@ def _part_weights(k: int) -> F64:
 
 @dataclass(frozen=True)
 class Cells:
-    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); others (n,)."""
+    """Near-uniform pieces of surface. Shapes: position_m, area_m2 (vectors) (n, 3); spread_m2 (n, 3, 3); rest (n,)."""
 
     position_m: F64
     area_m2: F64
