@@ -19,7 +19,6 @@ from crease.stress.keep import keep
 from crease.stress.pool import Pair, random_pair
 from crease.table import write_bytes
 
-SCENES_PER_CHUNK = 4
 SCENE_SEED = 1_000_000
 """Scenes of a chunk have case numbers from here on."""
 
@@ -36,6 +35,8 @@ class Settings:
     seed: int
     cases: int
     per_chunk: int
+    scenes: int = 4
+    """Scenes that the cases of a chunk share."""
 
     @property
     def chunks(self) -> int:
@@ -74,7 +75,7 @@ def run_chunk(folder: Path, settings: Settings, chunk: int) -> dict[str, Any]:
     """Bake the scenes of a chunk, run its cases, write its report.   Output: the report.   Errors: CreaseError."""
     start_s, cpu_s = time.perf_counter(), time.process_time()
     made = [
-        random_pair((settings.seed, chunk, SCENE_SEED + i)) for i in range(SCENES_PER_CHUNK)
+        random_pair((settings.seed, chunk, SCENE_SEED + i)) for i in range(settings.scenes)
     ]
     pairs = [pair for pair, _ in made]
     bake_s = time.process_time() - cpu_s
@@ -144,7 +145,8 @@ def open_campaign(folder: Path, settings: Settings) -> list[int]:
         raise CreaseError(f"{folder}: cannot be made: {error.strerror}") from error
     if file.exists():
         there = json.loads(file.read_text(encoding="utf-8"))
-        if (there["seed"], there["per_chunk"]) != (settings.seed, settings.per_chunk):
+        ours = asdict(settings)
+        if any(there[key] != ours[key] for key in ("seed", "per_chunk", "scenes")):
             raise CreaseError(
                 f"{folder}: holds a campaign of seed {there['seed']} with {there['per_chunk']} cases a chunk; "
                 "name another folder, or the same --seed"

@@ -103,6 +103,7 @@ def _run(place: Place, poses: F64, options: ReplayOptions, found: Found) -> chec
     rows = checks.answer(place.placed, poses, options)
     found.ticks += len(rows)
     found.contacts += int(np.count_nonzero(rows["areas"]))
+    found.violation = checks.bounded(place.placed, rows, poses, options)
     return rows
 
 
@@ -288,7 +289,7 @@ def run_case(seed: tuple[int, ...], pairs: list[Pair]) -> tuple[str, Place, Foun
     pair = pairs[int(rng.integers(len(pairs)))]
     place = Place(pair, pair.here if rng.random() < 0.5 else pair.there)
     found = Found()
-    found.violation = KINDS[kind][0](rng, place, found)
+    found.violation = KINDS[kind][0](rng, place, found) or found.violation
     if found.violation:
         found.violation = replace(found.violation, poses=np.array(found.violation.poses))
     return kind, place, found

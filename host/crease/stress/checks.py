@@ -94,6 +94,22 @@ def sound(rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
     return None
 
 
+def bounded(
+    placed: Placed, rows: Rows, poses: F64, options: ReplayOptions
+) -> Violation | None:
+    """No depth of the zone method is more than the tool's diameter."""
+    if options.response != "zones" or options.coverage != "soft":
+        return None
+    bound_m = 2.0 * float(placed.scene.meta.tool_radius_m)
+    i = int(np.argmax(rows["depth_m"]))
+    depth_m = float(rows["depth_m"][i])
+    if depth_m <= bound_m * (1 + 1e-3):
+        return None
+    scale = placed.frame.scale
+    text = f"depth of {1e3 * depth_m / scale:.4g} mm, a tool of {1e3 * bound_m / scale:.4g} mm"
+    return Violation("depth", text, depth_m / scale, bound_m / scale, poses[i : i + 1], options)
+
+
 def _overlap_m3(solids: Solids, pose: F64) -> float:
     moved = solids.tool.transform(world_from_tool(pose))
     return float((solids.static ^ moved).volume())

@@ -33,8 +33,9 @@ def add_parser(sub: SubParsers) -> None:
     )
     parser.add_argument(
         "--per-chunk", metavar="N", type=whole, default=PER_CHUNK,
-        help=f"cases that share four scenes and a file ({PER_CHUNK})",
+        help=f"cases that share scenes and a file ({PER_CHUNK})",
     )  # fmt: skip
+    parser.add_argument("--scenes", metavar="N", type=whole, default=4, help="scenes of a chunk (4)")
     parser.add_argument(
         "--scheduler", metavar="tcp://...", help="an existing Dask cluster that sees DIR, instead of --jobs"
     )  # fmt: skip
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     from crease.table import write_bytes
 
     start_s = time.monotonic()
-    settings = Settings(args.seed, args.cases, args.per_chunk)
+    settings = Settings(args.seed, args.cases, args.per_chunk, args.scenes)
     with Progress() as progress:
         reports = run_campaign(
             args.output, settings, args.jobs, args.scheduler, lambda part: progress("stress", part)
