@@ -235,7 +235,8 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
     float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));
     /* No overlap is deeper than the tool is long. */
-    float raw_m = min_f(out->offset_m - lowest, 2.0f * in->field->scene->meta->root_radius_m);
+    const struct cr_img_meta *meta = in->field->scene->meta;
+    float raw_m = min_f(out->offset_m - lowest, 2.0f * min_f(meta->root_radius_m, meta->tool_radius_m));
     float left = length / (LEFT_MIN * total);
     out->depth_m = held * raw_m * min_f(1.0f, open) * min_f(1.0f, left);
     /* Less than the rounding of the two heights is no contact. */
