@@ -17,6 +17,10 @@
 #define ROUNDING_M 1e-8f
 /* Share of closed surface below which an area has no direction: the tool is wholly inside. */
 #define OPEN_MIN 0.01f
+/* What is left of the zones' vectors when they work against each other, as a share of their lengths, below which the answer
+ * fades: a tool through a plate touches both faces as one area, and where they balance there is no way out. Two faces of an edge
+ * sharper than 12 degrees may come below it. */
+#define LEFT_MIN 0.1f
 
 /* A zone's part in the contact plane: generator vector (length = area) and offset of its plane times that length. */
 typedef struct {
@@ -196,14 +200,26 @@ void cr_report_area(const cr_area_work *a, const float *alpha, const float *shar
     }
 }
 
+/* Highest point along n of the surface that the zones of a group touch, by their spheres and a sample beyond: a plane through
+ * zones that work against each other lies anywhere, the overlap ends here. */
+static float highest(const cr_respond_input *in, const cr_area_work *a, const float *share, cr_vec3 n) {
+    float top = -3.0e38f;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        float end = v3_dot(a->zones[i].centre_world_m, n) + a->zones[i].radius_m;
+        top = share[i] > 0.0f ? max_f(top, end) : top;
+    }
+    return top + in->field->scene->meta->spacing_m;
+}
+
 /* One group of zones: normal, plane, depth. A shared zone counts once in all: the group answers with the share it holds of its
  * zones, so that it appears with force zero. Returns 0 when it has no direction or no depth. */
 static int answer_group(const cr_respond_input *in, uint32_t index, const cr_area_work *a, const weights *w,
                         const cr_group *part, cr_area *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), whole = sum;
-    float offset = 0.0f;
+    float offset = 0.0f, total = 0.0f;
     for (uint32_t i = 0; i < a->zone_count; i++) {
         sum = v3_mad(sum, w->vector_m2[i], part->share[i]);
+        total += part->share[i] * v3_norm(w->vector_m2[i]);
         whole = (part->own >> i) & 1u ? v3_add(whole, w->vector_m2[i]) : whole;
         offset += w->offset_m3[i] * part->share[i];
     }
@@ -212,12 +228,15 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
         return 0;
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
-    out->offset_m = offset / length;
+    out->offset_m = min_f(offset / length, highest(in, a, part->share, out->normal_world));
     float lowest = cr_lowest(in, index, a, part, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
     float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));
-    float raw_m = out->offset_m - lowest;
-    out->depth_m = held * raw_m * min_f(1.0f, open);
+    /* No overlap is deeper than the tool is long. */
+    const struct cr_img_meta *meta = in->field->scene->meta;
+    float raw_m = min_f(out->offset_m - lowest, 2.0f * min_f(meta->root_radius_m, meta->tool_radius_m));
+    float left = length / (LEFT_MIN * total);
+    out->depth_m = held * raw_m * min_f(1.0f, open) * min_f(1.0f, left);
     /* Less than the rounding of the two heights is no contact. */
     if (!(raw_m > ROUNDING_M + 2e-7f * abs_f(out->offset_m)) || !(out->depth_m > 0.0f)) {
         return 0;

@@ -129,6 +129,9 @@ static void clear_output(cr_output *out) {
     out->stats = no_stats;
 }
 
+/* Shorter periods are no clock's: velocities stay finite for any two poses that are allowed. */
+#define PERIOD_MIN_S 1e-9f
+
 /* Velocity of the tool's material point at p, from the last pose to this one. */
 static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world, float period_s) {
     if (!w->has_previous) {
@@ -136,7 +139,7 @@ static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world,
     }
     xform before = xform_from_pose(&w->previous);
     cr_vec3 p_tool = xform_unrotate(now, v3_sub(p_world, now->t));
-    return v3_scale(v3_sub(p_world, xform_point(&before, p_tool)), 1.0f / period_s);
+    return v3_scale(v3_sub(p_world, xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
 }
 
 /* Spring and damper along the area normal; it pushes or does nothing. */

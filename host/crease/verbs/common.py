@@ -46,6 +46,13 @@ def number(low: float, high: float) -> Any:
     return parse
 
 
+def whole(text: str) -> int:
+    """Type of an option that is a whole number of 1 or more."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 1 or more")
+    return int(text)
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """--json: the report on stdout as one JSON object."""
     parser.add_argument("--json", action="store_true", help="print the report as one JSON object")

@@ -8,15 +8,9 @@ from pathlib import Path
 from crease.errors import CreaseError
 from crease.experiment import NAMES, run_experiment
 from crease.experiment.setup import Setup
-from crease.verbs.common import SubParsers, add_force
+from crease.verbs.common import SubParsers, add_force, whole
 
 REPORT = "report.html"
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 1 or more")
-    return int(text)
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -42,12 +36,12 @@ def add_parser(sub: SubParsers) -> None:
         help="images of these meshes that are there already (build/scenes)",
     )  # fmt: skip
     parser.add_argument(
-        "--every", metavar="N", type=_count, default=1, help="only each N-th pose, for a quick look"
+        "--every", metavar="N", type=whole, default=1, help="only each N-th pose, for a quick look"
     )
     parser.add_argument(
         "--repeat",
         metavar="N",
-        type=_count,
+        type=whole,
         default=20,
         help="timings are the least of N runs (20)",
     )

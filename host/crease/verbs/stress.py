@@ -1,0 +1,106 @@
+"""`crease stress`: random scenes, poses and settings by the ten thousand, and the truths that must hold in all."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from crease.verbs.common import SubParsers, add_json, print_json, print_lines, whole
+
+SUMMARY = "summary.json"
+PER_CHUNK = 1000
+DRIFT_TICKS = 10_000_000
+SHOWN = 8
+"""Violations that are listed on the screen; all are in summary.json."""
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "stress",
+        help="random scenes and poses against the tick: what must always hold",
+        description="Run a seeded campaign of random cases. It can be stopped and started again with the same command: "
+        "chunks that are done stay. Violations are kept in DIR/violations, each with the command that replays it. "
+        "Exit status 1 when there are any.",
+    )
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder")
+    parser.add_argument("--cases", metavar="N", type=whole, default=100_000, help="(100000)")
+    parser.add_argument("--seed", metavar="N", type=whole, default=1, help="of all cases (1)")
+    parser.add_argument(
+        "--jobs", metavar="N", type=whole, default=1, help="processes on this machine (1)"
+    )
+    parser.add_argument(
+        "--per-chunk", metavar="N", type=whole, default=PER_CHUNK,
+        help=f"cases that share scenes and a file ({PER_CHUNK})",
+    )  # fmt: skip
+    parser.add_argument("--scenes", metavar="N", type=whole, default=4, help="scenes of a chunk (4)")
+    parser.add_argument(
+        "--scheduler", metavar="tcp://...", help="an existing Dask cluster that sees DIR, instead of --jobs"
+    )  # fmt: skip
+    parser.add_argument(
+        "--drift", metavar="TICKS", type=whole, default=DRIFT_TICKS,
+        help="length of the two runs on quaternion drift (ten million)",
+    )  # fmt: skip
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError, also when a truth does not hold."""
+    import json
+    from dataclasses import asdict
+
+    from crease.errors import CreaseError
+    from crease.progress import Progress
+    from crease.stress.campaign import Settings, run_campaign, summarise
+    from crease.stress.drift import run_drift
+    from crease.table import write_bytes
+
+    start_s = time.monotonic()
+    settings = Settings(args.seed, args.cases, args.per_chunk, args.scenes)
+    with Progress() as progress:
+        reports = run_campaign(
+            args.output, settings, args.jobs, args.scheduler, lambda part: progress("stress", part)
+        )
+    violations = [v for report in reports for v in report["violations"]]
+    drifts = [run_drift(args.seed, args.drift, unit) for unit in (True, False)]
+    failed = sum(bool(d.failed) for d in drifts)
+    summary = summarise(reports)
+    summary |= {"seed": args.seed, "drift": [asdict(d) for d in drifts]}
+    summary["listed"] = violations
+    summary["seconds"] = round(time.monotonic() - start_s, 1)
+    write_bytes(args.output / SUMMARY, (json.dumps(summary, indent=1) + "\n").encode())
+    if args.json:
+        print_json(summary)
+    else:
+        _tell(summary, args.output)
+    if violations or failed:
+        raise CreaseError(
+            f"{len(violations)} of {summary['cases']:,} cases and {failed} of {len(drifts)} drift runs found a "
+            f"violation; see {args.output / SUMMARY}"
+        )
+
+
+def _tell(summary: dict[str, Any], folder: Path) -> None:
+    rate = summary["cases"] / max(summary["cpu_s"], 1e-9)
+    lines = [
+        ("cases", f"{summary['cases']:,} in {summary['scenes']:,} scenes, {summary['ticks']:,} ticks"),
+        ("cost", f"{rate:.0f} cases per second of processor time, {summary['bake_cpu_s'] / max(summary['cpu_s'], 1e-9):.0%} of it baking"),
+    ]  # fmt: skip
+    for name, kind in summary["kinds"].items():
+        lines.append((name, f"{kind['cases']:,} cases, {kind['ticks']:,} ticks"))
+    for name, n in summary["numbers"].items():
+        lines.append((name, f"p50 {n['p50']:.3g}, p99 {n['p99']:.3g}, p99.9 {n['p99.9']:.3g}, max {n['max']:.3g}"))  # fmt: skip
+    for drift in summary["drift"]:
+        how = "made a unit each tick" if drift["unit"] else "left alone"
+        end = f"fault after {drift['ticks_to_fault']:,}" if drift["ticks_to_fault"] else "no fault"
+        what = "; ".join(drift["failed"]) or "as it should be"
+        lines.append(("drift", f"quaternion {how}, {drift['ticks']:,} ticks: {end}, {what}"))
+    for check, count in summary["violations_by_check"].items():
+        lines.append(("VIOLATED", f"{check}: {count}"))
+    lines.append(("violations", f"{summary['violations']} of {summary['cases']:,}, {folder / SUMMARY}"))
+    print_lines(lines)
+    for v in summary["listed"][:SHOWN]:
+        print(f"  {v['check']}, {v['scene']}, case {v['case']}: {v['text']}")
