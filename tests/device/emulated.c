@@ -34,7 +34,7 @@ static int run(job *j, int made) {
 int main(void) {
     static job j;
     static _Alignas(64) uint8_t memory[STATE_MAX];
-    const size_t room = (size_t)(_scene_room_end - _scene_start);
+    const size_t room = (uintptr_t)_scene_room_end - (uintptr_t)_scene_start;
     const char *wrong = job_open(&j, _scene_start, room, memory, sizeof memory);
     if (wrong != NULL) {
         semihost_print(wrong);

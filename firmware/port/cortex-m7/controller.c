@@ -19,7 +19,7 @@ static _Alignas(64) uint8_t memory[MEMORY_BYTES];
 static cr_servo *make_servo(const cr_servo_config *config) {
     cr_scene scene;
     cr_servo *servo = NULL;
-    cr_err err = cr_scene_open(&scene, _scene_start, (size_t)(_scene_room_end - _scene_start));
+    cr_err err = cr_scene_open(&scene, _scene_start, (uintptr_t)_scene_room_end - (uintptr_t)_scene_start);
     err = err == CR_OK ? cr_servo_init(&servo, memory, sizeof memory, &scene, config) : err;
     return err == CR_OK ? servo : NULL;
 }

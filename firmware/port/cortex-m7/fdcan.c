@@ -72,11 +72,11 @@ int fdcan_send(fdcan *can, const cr_frame *frame) {
         return -1;
     }
     const uint32_t slot = status >> 16 & 0x1fu;
-    volatile uint32_t *at = can->ram + TX_AT / 4u + slot * FDCAN_FRAME_WORDS;
+    volatile uint32_t *at = can->ram + TX_AT / 4u + (size_t)slot * FDCAN_FRAME_WORDS;
     at[0] = (uint32_t)(frame->id & 0x7ffu) << SHORT_ID_SHIFT;
     at[1] = (uint32_t)frame->size << LENGTH_SHIFT;
     for (uint32_t w = 0; w < 2u; w++) {
-        const uint8_t *d = frame->data + 4u * w;
+        const uint8_t *d = frame->data + (size_t)4u * w;
         at[2u + w] = (uint32_t)d[0] | (uint32_t)d[1] << 8 | (uint32_t)d[2] << 16 | (uint32_t)d[3] << 24;
     }
     can->registers[FDCAN_TXBAR] = 1u << slot;
@@ -85,7 +85,7 @@ int fdcan_send(fdcan *can, const cr_frame *frame) {
 
 /* Takes the oldest frame; 1 when it is one for the loop. */
 static int take(fdcan *can, uint32_t slot, cr_frame *frame) {
-    const volatile uint32_t *at = can->ram + slot * FDCAN_FRAME_WORDS;
+    const volatile uint32_t *at = can->ram + (size_t)slot * FDCAN_FRAME_WORDS;
     const uint32_t word0 = at[0], length = at[1] >> LENGTH_SHIFT & 0xfu, data[2] = {at[2], at[3]};
     can->registers[FDCAN_RXF0A] = slot;
     frame->id = (uint16_t)(word0 >> SHORT_ID_SHIFT & 0x7ffu);

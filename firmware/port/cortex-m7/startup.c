@@ -27,10 +27,10 @@ void reset(void) {
     __asm volatile("vmrs %0, fpscr" : "=r"(fpscr));
     __asm volatile("vmsr fpscr, %0" ::"r"(fpscr & ~FPSCR_MODES));
     FPU_FPDSCR &= ~FPSCR_MODES;
-    for (uint32_t *to = &_data_start; to < &_data_end; to++) {
+    for (uint32_t *to = &_data_start; (uintptr_t)to < (uintptr_t)&_data_end; to++) {
         *to = *from++;
     }
-    for (uint32_t *to = &_bss_start; to < &_bss_end; to++) {
+    for (uint32_t *to = &_bss_start; (uintptr_t)to < (uintptr_t)&_bss_end; to++) {
         *to = 0u;
     }
     for (uint32_t *to = &_stack_bottom; (uintptr_t)to < (uintptr_t)__builtin_frame_address(0) - 64u; to++) {
@@ -43,7 +43,7 @@ void trap(void) { board_stop(BOARD_STOP_FAULT); }
 
 uint32_t board_stack_used(void) {
     const uint32_t *at = &_stack_bottom;
-    while (at < &_stack_top && *at == BOARD_STACK_FILL) {
+    while ((uintptr_t)at < (uintptr_t)&_stack_top && *at == BOARD_STACK_FILL) {
         at++;
     }
     return (uint32_t)((uintptr_t)&_stack_top - (uintptr_t)at);
