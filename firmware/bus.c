@@ -223,7 +223,7 @@ static void receive_wrist(cr_wrist *wrist, const cr_frame *frame, cr_servo_count
         counters->malformed++;
         return;
     }
-    for (uint32_t i = 0; i < 3u; i++) {
+    for (size_t i = 0; i < 3u; i++) {
         wrist->counts[i] = to_i16(get_u16(frame->data + 2u * i));
     }
     counters->twice += wrist->fresh;

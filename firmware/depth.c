@@ -245,18 +245,18 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
 }
 
 /* Lowest point along n of the internal surface of a group of zones: of hits that touch one of them, or none. */
-float cr_lowest(const cr_respond_input *in, uint32_t area, const cr_area_work *a, const cr_group *part, cr_vec3 n,
+float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *area, const cr_group *part, cr_vec3 n,
                 float plane_m) {
-    const probe d = {n,           xform_unrotate(in->world_from_tool, n), plane_m, v3_dot(n, in->world_from_tool->t), a,
-                     part->behind};
+    const probe d = {
+        n, xform_unrotate(in->world_from_tool, n), plane_m, v3_dot(n, in->world_from_tool->t), area, part->behind};
     float best = plane_m;
-    uint32_t all = (1u << a->zone_count) - 1u;
+    uint32_t all = (1u << area->zone_count) - 1u;
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;
         for (uint32_t h = 0; h < in->set->hit_count; h++) {
             const cr_hit *hit = &in->set->hits[h];
-            uint32_t bits = part->own == all ? all : zones_of_hit(in, a, h, &touch);
-            if (hit->area != area || (bits != 0u && (bits & part->own) == 0u)) {
+            uint32_t bits = part->own == all ? all : zones_of_hit(in, area, h, &touch);
+            if (hit->area != index || (bits != 0u && (bits & part->own) == 0u)) {
                 continue;
             }
             if (near) {

@@ -202,7 +202,7 @@ void cr_report_area(const cr_area_work *a, const float *alpha, const float *shar
 
 /* Highest point along n of the surface that the zones of a group touch, by their spheres and a sample beyond: a plane through
  * zones that work against each other lies anywhere, the overlap ends here. */
-static float highest(const cr_respond_input *in, const cr_area_work *a, const float *share, cr_vec3 n) {
+static float top_of_zones(const cr_respond_input *in, const cr_area_work *a, const float *share, cr_vec3 n) {
     float top = -3.0e38f;
     for (uint32_t i = 0; i < a->zone_count; i++) {
         float end = v3_dot(a->zones[i].centre_world_m, n) + a->zones[i].radius_m;
@@ -228,7 +228,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
         return 0;
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
-    out->offset_m = min_f(offset / length, highest(in, a, part->share, out->normal_world));
+    out->offset_m = min_f(offset / length, top_of_zones(in, a, part->share, out->normal_world));
     float lowest = cr_lowest(in, index, a, part, out->normal_world, out->offset_m);
     float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
     float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));
