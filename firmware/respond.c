@@ -224,7 +224,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
         offset += w->offset_m3[i] * part->share[i];
     }
     float length = v3_norm(sum);
-    if (!(length > 1e-6f * a->sum.area)) {
+    if (length <= 1e-6f * a->sum.area) {
         return 0;
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
@@ -237,8 +237,8 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     float raw_m = min_f(out->offset_m - lowest, 2.0f * min_f(meta->root_radius_m, meta->tool_radius_m));
     float left = length / (LEFT_MIN * total);
     out->depth_m = held * raw_m * min_f(1.0f, open) * min_f(1.0f, left);
-    /* Less than the rounding of the two heights is no contact. */
-    if (!(raw_m > ROUNDING_M + 2e-7f * abs_f(out->offset_m)) || !(out->depth_m > 0.0f)) {
+    /* Less than the rounding of the two heights is no contact; what is no number goes on and is a fault. */
+    if (raw_m <= ROUNDING_M + 2e-7f * abs_f(out->offset_m) || out->depth_m <= 0.0f) {
         return 0;
     }
     out->normal_world = responses[in->config->response].turn(a, part->share, out->normal_world);
