@@ -52,6 +52,17 @@ def test_contacts_are_those_of_the_replay(
         assert np.array_equal(ticks[name], table[name]), name
 
 
+@pytest.mark.parametrize("response", ["deepest_group", "god_object", "voxmap"])
+def test_other_methods_are_shown_with_the_contacts_of_ours(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run, response: str
+) -> None:
+    out, page = folder / f"{response}.csv", folder / f"{response}.html"
+    assert crease("replay", scene_crs, press_csv, "-o", out, "--response", response).status == 0
+    said = crease("view", out, "--scene", scene_crs, "-o", page)
+    assert (said.status, said.err) == (0, "")
+    assert page.stat().st_size > 100_000
+
+
 def test_samples_in_contact_are_those_below_the_plane(scene_crs: Path, press_csv: Path) -> None:
     scene, path = open_scene(scene_crs), load_trajectory(press_csv)
     samples_m = tool_samples_m(scene)
