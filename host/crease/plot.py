@@ -104,7 +104,8 @@ def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None 
         panels[2].set_xlabel("time, s")
         panels[2].margins(x=0.01)
         figure.align_ylabels()
-        figure.suptitle(title or ", ".join(names), fontsize=11, fontweight="bold")
+        alone = names[0] if len(names) == 1 else ""  # the legend names several
+        figure.suptitle(title or alone, fontsize=11, fontweight="bold", wrap=True)
     return figure
 
 
