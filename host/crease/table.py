@@ -19,6 +19,9 @@ Column = npt.NDArray[Any]
 
 _ROWS_PER_BLOCK = 4096
 
+_NAMED_MAX = 8
+"""Columns that a message names."""
+
 
 def check_target(path: Path, force: bool) -> None:
     """Errors: CreaseError when `path` exists and `force` is not given, or its folder is missing."""
@@ -161,6 +164,21 @@ def _bad_line(path: Path, skip: int, names: list[str]) -> str:
     return f"{path}: cannot be read as CSV"
 
 
+def _some(names: list[str]) -> str:
+    """The names, the first few of many."""
+    more = f" and {len(names) - _NAMED_MAX} more" if len(names) > _NAMED_MAX else ""
+    return ", ".join(names[:_NAMED_MAX]) + more
+
+
+def _header_hint(names: list[str], wanted: tuple[str, ...]) -> str:
+    """What to do about a header without the columns `wanted`."""
+    if names[0].startswith("#"):
+        return "the header begins with #; in numpy write savetxt(..., comments='')"
+    if len(wanted) <= _NAMED_MAX:
+        return f"the header must be {','.join(wanted)}"
+    return "is it a table that `crease replay` wrote?"
+
+
 def read_csv(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
     """Columns of a CSV file with a header, as float64 by name.
 
@@ -170,7 +188,7 @@ def read_csv(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
     names, skip = read_header(path)
     if missing := [name for name in wanted if name not in names]:
         raise TableError(
-            f"{path}:{skip}: no column {', '.join(missing)}; the header must have {','.join(wanted)}"
+            f"{path}:{skip}: no column {_some(missing)}; {_header_hint(names, wanted)}"
         )
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise TableError(f"{path}:{skip}: column {', '.join(twice)} stands twice; keep one")
@@ -210,5 +228,7 @@ def read_table(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
         case _:
             raise TableError(f"{path}: the suffix is neither .csv nor .npz")
     if missing := [name for name in wanted if name not in columns]:
-        raise TableError(f"{path}: no array {', '.join(missing)}; it must have {','.join(wanted)}")
+        raise TableError(
+            f"{path}: no array {_some(missing)}; it must have {','.join(wanted[:_NAMED_MAX])}"
+        )
     return columns

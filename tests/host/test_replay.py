@@ -128,6 +128,18 @@ def test_npz_and_csv_hold_the_same_numbers(
             assert np.array_equal(one[name].astype(two[name].dtype), two[name]), name
 
 
+def test_path_in_millimetres_is_suspected(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    path = load_trajectory(press_csv)
+    mm, off = folder / "mm.csv", folder / "off.csv"
+    write_path(mm, 1e3 * path.position_m)
+    write_path(off, path.position_m + np.array([0.0, 0.0, 0.1]))
+    for source, warned in ((mm, True), (off, False)):
+        said = crease("replay", scene_crs, source, "-o", folder / f"{source.stem}_out.csv")
+        assert (said.status, "in metres?" in said.err) == (0, warned)
+
+
 def test_columns_of_a_path_from_arrays(scene_crs: Path) -> None:
     rows = np.array([[0.0, 0, 0, 0.009, 1, 0, 0, 0], [0.001, 0, 0, 0.009, 1, 0, 0, 0]])
     path = check_rows(rows, "here")

@@ -80,6 +80,7 @@ def test_bad_row_is_named_by_file_line_and_reason(tmp_path: Path, row: str, reas
         (f"{HEADER}\n", "has a header but no rows"),
         ("t_s,x_m,y_m,z_m,qw,qx,qy\n0,0,0,0,1,0,0\n", ":1: no column qz"),
         ("0,0,0,0,1,0,0,0\n", ":1: no column t_s"),
+        (f"# {HEADER}\n0,0,0,0,1,0,0,0\n", "comments=''"),
         (f"{HEADER},t_s\n0,0,0,0,1,0,0,0,0\n", "t_s stands twice"),
     ],
 )

@@ -12,9 +12,10 @@ from crease.native import COVERAGES, RESPONSES
 from crease.progress import Progress
 from crease.recording import is_recording
 from crease.replay import ReplayOptions, run_path, to_columns
-from crease.scene import open_scene
+from crease.scene import Scene, open_scene
 from crease.table import check_suffix, check_target, write_table
-from crease.trajectory import load_trajectory
+from crease.trajectory import Trajectory, load_trajectory
+from crease.units import format_length
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -31,9 +32,12 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "replay",
         help="run a path of the tool through a scene",
-        description="Run the firmware's tick along a path and keep what every tick answered.",
+        description="Run the firmware's tick along a path and keep what every tick answered. A recording (.crr) runs again "
+        "with the settings it was made with, and is compared to the bit.",
     )
-    parser.add_argument("scene", metavar="SCENE.crs", type=Path)
+    parser.add_argument(
+        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
+    )
     parser.add_argument(
         "path",
         metavar="PATH",
@@ -41,15 +45,61 @@ def add_parser(sub: SubParsers) -> None:
         help="CSV with t_s,x_m,y_m,z_m,qw,qx,qy,qz (world_from_tool), or NPZ; or a recording of the servo (.crr)",
     )
     parser.add_argument(
-        "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="CSV or NPZ"
+        "-o",
+        "--output",
+        metavar="OUT.csv",
+        type=Path,
+        required=True,
+        help="the table, CSV or NPZ by suffix",
     )
-    parser.add_argument("--stiffness", metavar="N/m", type=number(0.0, 1e6), default=1000.0)
-    parser.add_argument("--damping", metavar="Ns/m", type=number(0.0, 1e4), default=0.0)
-    parser.add_argument("--response", choices=list(RESPONSES), default="zones")
-    parser.add_argument("--coverage", choices=list(COVERAGES), default="soft")
+    parser.add_argument(
+        "--stiffness",
+        metavar="N/m",
+        type=number(0.0, 1e6),
+        default=1000.0,
+        help="0 to 1e6 (default: 1000)",
+    )
+    parser.add_argument(
+        "--damping",
+        metavar="Ns/m",
+        type=number(0.0, 1e4),
+        default=0.0,
+        help="along the normal, 0 to 1e4 (default: 0)",
+    )
+    parser.add_argument(
+        "--response",
+        metavar="NAME",
+        choices=list(RESPONSES),
+        default="zones",
+        help=f"how contact becomes force: {', '.join(RESPONSES)} (default: zones)",
+    )
+    parser.add_argument(
+        "--coverage",
+        choices=list(COVERAGES),
+        default="soft",
+        help="soft: a sample counts by the part of it that is inside; hard: in or out, as published (default: soft)",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
+
+
+_FAR = 10.0
+"""Diagonals of the mock-up from its middle: nobody moves a tool so far off on purpose."""
+
+
+def _far_away(scene: Scene, path: Trajectory) -> list[str]:
+    """A warning when a path without contact leaves the mock-up far behind: most likely it is in mm."""
+    meta = scene.meta
+    low_m, high_m = (np.array(list(box)) for box in (meta.static_min_m, meta.static_max_m))
+    away_m = float(np.linalg.norm(path.position_m - 0.5 * (low_m + high_m), axis=1).max())
+    size_m = float(np.linalg.norm(high_m - low_m))
+    if away_m <= _FAR * size_m:
+        return []
+    return [
+        f"no contact; the path goes {format_length(away_m)} away from a mock-up of {format_length(size_m)}: "
+        "are its positions in metres?"
+    ]
 
 
 def run(args: argparse.Namespace) -> None:
@@ -78,6 +128,8 @@ def run(args: argparse.Namespace) -> None:
     warnings = []
     if overflow:
         warnings.append(f"{overflow} of {len(path)} ticks reached a limit of work or force")
+    if not rows["contacts"].any():
+        warnings += _far_away(scene, path)
     warn(warnings)
     report: dict[str, object] = {
         "output": str(args.output),
