@@ -31,14 +31,35 @@ def add_parser(sub: SubParsers) -> None:
     )
     parser.add_argument("static", metavar="STATIC", type=Path, help="mesh of the mock-up")
     parser.add_argument("tool", metavar="TOOL", type=Path, help="mesh of the tool")
-    parser.add_argument("-o", "--output", metavar="SCENE.crs", type=Path, required=True)
     parser.add_argument(
-        "--unit", type=unit, required=True, help="unit of the files: mm, cm, m, in, ..."
+        "-o",
+        "--output",
+        metavar="SCENE.crs",
+        type=Path,
+        required=True,
+        help="the image; its meshes go beside it, SCENE.crs.glb",
     )
-    parser.add_argument("--tool-unit", type=unit, help="unit of TOOL, when another one")
-    parser.add_argument("--voxel", type=length, help="side of a voxel (default: from the sizes)")
     parser.add_argument(
-        "--spacing", type=length, help="distance of shell samples (default: from the sizes)"
+        "--unit",
+        metavar="UNIT",
+        type=unit,
+        required=True,
+        help="of the files: nm, um, mm, cm, dm, m, in, ft",
+    )
+    parser.add_argument(
+        "--tool-unit", metavar="UNIT", type=unit, help="of TOOL, when it has another one"
+    )
+    parser.add_argument(
+        "--voxel",
+        metavar="LENGTH",
+        type=length,
+        help="side of a voxel, such as 2mm; a bare number is metres (default: the spacing, at least 1/600 of STATIC)",
+    )
+    parser.add_argument(
+        "--spacing",
+        metavar="LENGTH",
+        type=length,
+        help="distance between samples of the tool (default: 1/30 of its middle size, at most about 20,000 samples)",
     )
     parser.add_argument(
         "--crease-angle",
@@ -48,7 +69,10 @@ def add_parser(sub: SubParsers) -> None:
         help="sharper edges are creases (default: 30)",
     )
     parser.add_argument(
-        "--tolerance", type=length, help="refine until the distance error is below this"
+        "--tolerance",
+        metavar="LENGTH",
+        type=length,
+        help="refine until the distance error near the surface is below this (default: 1/7 voxel)",
     )
     add_json(parser)
     add_force(parser)

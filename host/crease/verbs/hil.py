@@ -25,7 +25,9 @@ def add_parser(sub: SubParsers) -> None:
         "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. "
         "socketcan: `creased` and `crease sim` on a real interface.",
     )
-    parser.add_argument("scene", metavar="SCENE.crs", type=Path)
+    parser.add_argument(
+        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
+    )
     parser.add_argument(
         "--operator",
         metavar="PATH.csv",
@@ -34,12 +36,23 @@ def add_parser(sub: SubParsers) -> None:
         help="where the hand wants the tool: t_s,x_m,y_m,z_m,qw,qx,qy,qz",
     )
     parser.add_argument(
-        "-i", "--interface", choices=("inprocess", "socketcan"), default="inprocess"
+        "-i",
+        "--interface",
+        choices=("inprocess", "socketcan"),
+        default="inprocess",
+        help="default: inprocess",
     )
     parser.add_argument(
-        "-c", "--channel", metavar="NAME", default="vcan0", help="of socketcan: vcan0, can0, ..."
+        "-c", "--channel", metavar="NAME", default="vcan0", help="of socketcan (default: vcan0)"
     )
-    parser.add_argument("-b", "--bitrate", metavar="BIT/S", type=int, default=None, help="1000000")
+    parser.add_argument(
+        "-b",
+        "--bitrate",
+        metavar="BIT/S",
+        type=int,
+        default=None,
+        help="of socketcan, where the interface sets it: 1000000",
+    )
     parser.add_argument(
         "-o", "--output", metavar="OUT.crr", type=Path, required=True, help="the recording"
     )
@@ -53,17 +66,28 @@ def add_parser(sub: SubParsers) -> None:
         "--device",
         metavar="SIM.toml",
         type=Path,
-        help="parameters of the device (in process)",
+        help="parameters of the simulated device, as for `crease sim` (in process)",
     )
     parser.add_argument(
         "--fault",
         metavar="KIND:tick=N,...",
         action="append",
         default=[],
-        help="as for `crease sim`",
+        help="as for `crease sim`; repeatable (in process)",
     )
-    parser.add_argument("--stiffness", metavar="N/m", type=number(0.0, 1e6), default=1000.0)
-    parser.add_argument("--response", default="zones", help="as for `crease replay` (in process)")
+    parser.add_argument(
+        "--stiffness",
+        metavar="N/m",
+        type=number(0.0, 1e6),
+        default=1000.0,
+        help="0 to 1e6 (default: 1000)",
+    )
+    parser.add_argument(
+        "--response",
+        metavar="NAME",
+        default="zones",
+        help="as for `crease replay` (in process; default: zones)",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)

@@ -13,8 +13,15 @@ from crease.verbs.common import SubParsers, add_json, print_json, print_lines
 
 def add_parser(sub: SubParsers) -> None:
     """The command line of the verb."""
-    parser = sub.add_parser("info", help="tell what a scene image holds")
-    parser.add_argument("scene", metavar="SCENE.crs", type=Path)
+    parser = sub.add_parser(
+        "info",
+        help="tell what a scene image holds",
+        description="Check a scene image as the firmware does, and tell what it holds: meshes, creases, distances "
+        "and their error, samples of the tool.",
+    )
+    parser.add_argument(
+        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -66,7 +73,7 @@ def lines(info: dict[str, Any]) -> list[tuple[str, str]]:
         (
             "distance error",
             f"{format_length(voxmap['error_max_m'])} max, {format_length(voxmap['error_rms_m'])} RMS, "
-            f"exact up to {format_length(voxmap['band_m'])}",
+            f"stored up to {format_length(voxmap['band_m'])}",
         ),
         ("tool", f"{tool['triangles']:,} triangles, {_box(tool)}"),
         ("", f"sha256 {tool['sha256']}"),

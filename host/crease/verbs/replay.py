@@ -32,8 +32,8 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "replay",
         help="run a path of the tool through a scene",
-        description="Run the firmware's tick along a path and keep what every tick answered. A recording (.crr) runs again "
-        "with the settings it was made with, and is compared to the bit.",
+        description="Run the firmware's tick along a path and keep what every tick answered. A recording (.crr) "
+        "runs again with the settings it was made with, and is compared to the bit.",
     )
     parser.add_argument(
         "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"

@@ -27,7 +27,9 @@ def add_parser(sub: SubParsers) -> None:
         required=True,
         help="the image that was replayed, with SCENE.crs.glb that bake wrote beside it",
     )
-    parser.add_argument("-o", "--output", metavar="REPLAY.html", type=Path, required=True)
+    parser.add_argument(
+        "-o", "--output", metavar="REPLAY.html", type=Path, required=True, help="the page"
+    )
     parser.add_argument("--title", help="heading of the page (default: names of the tables)")
     add_json(parser)
     add_force(parser)
