@@ -68,7 +68,7 @@
 #error "CR_ZONES_MAX: 3..16 zones"
 #endif
 
-/* Sweeps of the projected Gauss-Seidel solve for the zone weights; see respond.c for the convergence measured. */
+/* Sweeps of the projected Gauss-Seidel solve for the zone weights, at most: it ends when no weight moves by 1e-6 of the area. */
 #ifndef CR_SWEEPS_MAX
 #define CR_SWEEPS_MAX 64
 #endif
