@@ -270,12 +270,32 @@ static int complain(int status, const char *text) {
     return status;
 }
 
+#define USAGE                                                                                                          \
+    "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"             \
+    "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"                                             \
+    "commands on standard input: start, stop, clear, quit\n"
+
 static int usage(void) {
-    fprintf(stderr,
-            "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"
-            "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"
-            "commands on standard input: start, stop, clear, quit\n");
+    fprintf(stderr, USAGE "creased --help tells more\n");
     return EXIT_USAGE;
+}
+
+static void help(void) {
+    printf(
+        USAGE
+        "\n"
+        "The servo of a haptic device on SocketCAN: a scene image, three CiA 402 drives, contact forces at 1 kHz.\n\n"
+        "  --config FILE      the device; firmware/port/linux/device.toml has every key with its default\n"
+        "  --interface NAME   such as can0 or vcan0, instead of the file's\n"
+        "  --record FILE      every tick, for crease replay and crease plot; an old file is replaced\n"
+        "  --start            render as soon as the drives are calibrated, without the command\n"
+        "  --start-after S    the same, S seconds later\n"
+        "  --seconds S        stop after this time\n"
+        "  --exit-on-fault    stop at the first fault instead of waiting for the command clear\n"
+        "  --quiet            no line when the mode changes\n\n"
+        "start renders, stop ends it, clear leaves a fault and begins again, quit or Ctrl-C ends.\n"
+        "Exit status: 0 stopped as asked; 1 the record could not be written; 2 wrong command line, configuration\n"
+        "or scene; 3 the bus cannot be reached, or not all drives answered; 4 stopped in fault.\n");
 }
 
 static int read_seconds(const char *text, double *out) {
@@ -285,15 +305,12 @@ static int read_seconds(const char *text, double *out) {
 }
 
 static int read_options(int argc, char **argv, options *opt) {
-    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
-                                          {"interface", required_argument, NULL, 'i'},
-                                          {"record", required_argument, NULL, 'r'},
-                                          {"seconds", required_argument, NULL, 's'},
-                                          {"start", no_argument, NULL, 'S'},
-                                          {"exit-on-fault", no_argument, NULL, 'x'},
-                                          {"quiet", no_argument, NULL, 'q'},
-                                          {"start-after", required_argument, NULL, 'a'},
-                                          {NULL, 0, NULL, 0}};
+    static const struct option known[] = {
+        {"config", required_argument, NULL, 'c'}, {"interface", required_argument, NULL, 'i'},
+        {"record", required_argument, NULL, 'r'}, {"seconds", required_argument, NULL, 's'},
+        {"start", no_argument, NULL, 'S'},        {"exit-on-fault", no_argument, NULL, 'x'},
+        {"quiet", no_argument, NULL, 'q'},        {"start-after", required_argument, NULL, 'a'},
+        {"help", no_argument, NULL, 'h'},         {NULL, 0, NULL, 0}};
     int wrong = 0;
     memset(opt, 0, sizeof *opt);
     for (int key = getopt_long(argc, argv, "", known, NULL); key != -1;
@@ -324,6 +341,9 @@ static int read_options(int argc, char **argv, options *opt) {
         case 'q':
             opt->quiet = 1;
             break;
+        case 'h':
+            help();
+            exit(EXIT_DONE);
         default:
             return usage();
         }
@@ -332,6 +352,7 @@ static int read_options(int argc, char **argv, options *opt) {
         return complain(EXIT_USAGE, "--seconds, --start-after: a number above 0, up to 1000000");
     }
     if (opt->device_path == NULL || optind != argc - 1) {
+        fprintf(stderr, opt->device_path == NULL ? "error: --config is missing\n" : "error: one scene.crs is needed\n");
         return usage();
     }
     opt->scene_path = argv[optind];
