@@ -56,8 +56,8 @@ def recording_table(recording: Recording) -> dict[str, npt.NDArray[Any]]:
 def draw_loop(table: Table, title: str) -> Figure:
     """Five panels over time: force (contact, commanded, felt), depth, energy, timing after SYNC, state and trouble.
 
-    Shapes: columns of `crease hil --table`, or of `recording_table`. Felt is the simulator's force on the hand where
-    the table has it, else what the motors gave.
+    Shapes: columns of `crease hil --table`, of `recording_table` or of a re-run. Felt is the simulator's force on the hand
+    where the table has it, else what the motors gave; a re-run knows neither.
     """
     import matplotlib as mpl
 
@@ -97,7 +97,8 @@ def _draw_forces(axes: Axes, table: Table) -> None:
     axes.plot(table["t_s"], _size_N(table, "contact_"), color=COLOURS[2], lw=2.2, label="contact")
     commanded = np.linalg.norm(forces_N(table), axis=1)
     axes.plot(table["t_s"], commanded, color=COLOURS[0], lw=1.0, label="commanded")
-    axes.plot(table["t_s"], _size_N(table, felt[0]), color=COLOURS[1], lw=0.8, label=felt[1])
+    if f"{felt[0]}fx_N" in table:
+        axes.plot(table["t_s"], _size_N(table, felt[0]), color=COLOURS[1], lw=0.8, label=felt[1])
     axes.set_ylabel("|force|, N")
     legend_beside(axes)
 

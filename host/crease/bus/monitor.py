@@ -219,7 +219,7 @@ class Monitor:
         lines = [head]
         for cob, row in sorted(self.rows.items()):
             rate = row.rate_Hz(self.now_s)
-            text = "  ".join(f"{name} {_show(name, value)}" for name, value in row.values.items())
+            text = "  ".join(_show(name, value) for name, value in row.values.items())
             text += f"  ({row.malformed} of wrong length)" if row.malformed else ""
             lines.append(
                 f"0x{cob:03X}   {row.name:16s} {row.count:9,d} {rate:7.0f}  {text}".rstrip()
@@ -266,6 +266,10 @@ def _length(row: Row) -> int:
 
 
 def _show(name: str, value: float | int | str) -> str:
+    """`position m`: 0.0409 as `position 0.0409 m`."""
     if name.endswith("word"):
-        return f"0x{value:04X}"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+        return f"{name} 0x{value:04X}"
+    if not isinstance(value, float):
+        return f"{name} {value}"
+    what, _, unit = name.rpartition(" ")
+    return f"{what} {value:.4g} {unit}"

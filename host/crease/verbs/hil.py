@@ -13,7 +13,7 @@ from crease.progress import Progress
 from crease.scene import open_scene
 from crease.table import check_suffix, check_target, write_bytes, write_table
 from crease.trajectory import load_trajectory
-from crease.verbs.common import SubParsers, add_force, add_json, number, print_json, print_lines
+from crease.verbs.common import SubParsers, add_force, add_json, number, print_json, print_lines, warn
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -93,12 +93,22 @@ def add_parser(sub: SubParsers) -> None:
     parser.set_defaults(run=run)
 
 
+_ELSEWHERE = {
+    "device": "--device: only with -i inprocess; start `crease sim --device` and `creased` by hand",
+    "fault": "--fault: only with -i inprocess; start `crease sim --fault` and `creased` by hand",
+    "log": "--log: only with -i inprocess; run `crease bus -o LOG` beside it",
+    "response": "--response: only with -i inprocess; creased has the zones alone",
+}
+"""What to do on a real interface about the options that this program cannot give."""
+
+
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
     from crease.bus.transport import check_bitrate
     from crease.errors import LoopError
     from crease.hil import describe, run_socketcan
     from crease.recording import SUFFIX, recording_bytes
+    from crease.verbs.sim import parse_fault
 
     check_suffix(args.output, (SUFFIX,))
     check_target(args.output, args.force)
@@ -110,15 +120,20 @@ def run(args: argparse.Namespace) -> None:
     if args.interface == "socketcan":
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != "zones":
-            raise LoopError(
-                f"--{(*given, 'response')[0]}: only with -i inprocess; give it to `crease sim` instead"
-            )
+            raise LoopError(_ELSEWHERE[(*given, "response")[0]])
         with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
     else:
         result = _run_inprocess(args, scene, path)
     rows = result.recording.rows
+    warn(
+        [
+            f"--fault {text}: never came; the run has {len(rows):,} ticks"
+            for text in args.fault
+            if parse_fault(text).tick >= len(rows)
+        ]
+    )
     write_bytes(args.output, recording_bytes(rows, result.recording.config, scene))
     if args.table is not None:
         write_table(args.table, _table(result))

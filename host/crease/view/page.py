@@ -75,7 +75,10 @@ def path_of(replay: Replay) -> Trajectory:
     """The path of a table.   Errors: TableError when columns are missing or unequal; TrajectoryError for a bad pose."""
     missing = [name for name in COLUMNS if name not in replay.table]
     if missing:
-        raise TableError(f"{replay.name}: no column {', '.join(missing)}; replay it again")
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise TableError(
+            f"{replay.name}: no column {missing[0]}{more}: not a table of a replayed path; replay it"
+        )
     columns = [np.asarray(replay.table[name]) for name in COLUMNS]
     if any(column.ndim != 1 or len(column) != len(columns[0]) for column in columns):
         raise TableError(f"{replay.name}: the columns are not of one length; replay it again")
