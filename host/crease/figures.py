@@ -59,9 +59,11 @@ def draw_corner(cases: Sequence[CornerCase], outlines: Sequence[Floats], radius_
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        figure = new_figure(5.0 * len(cases), 7.2)
-        grid = figure.add_gridspec(2, len(cases), height_ratios=[3.0, 1.25])
         window = _window(cases, radius_m)
+        wide_mm, high_mm = window[1] - window[0]
+        panel_in = 4.4 * high_mm / wide_mm  # as high as its scale asks, else white is left above
+        figure = new_figure(5.0 * len(cases), panel_in + 3.0)
+        grid = figure.add_gridspec(2, len(cases), height_ratios=[panel_in, 1.7])
         longest_N = max(float(np.linalg.norm(case.force_N, axis=1).max()) for case in cases)
         scale_mm_N = ARROW_LENGTH_MM / max(longest_N, 1e-9)
         for column, case in enumerate(cases):

@@ -56,8 +56,8 @@ def recording_table(recording: Recording) -> dict[str, npt.NDArray[Any]]:
 def draw_loop(table: Table, title: str) -> Figure:
     """Five panels over time: force (contact, commanded, felt), depth, energy, timing after SYNC, state and trouble.
 
-    Shapes: columns of `crease hil --table`, of `recording_table` or of a re-run. Felt is the simulator's force on the hand
-    where the table has it, else what the motors gave; a re-run knows neither.
+    Shapes: columns of `crease hil --table`, of `recording_table` or of a re-run. Felt is the simulator's force on the
+    hand where the table has it, else what the motors gave; a re-run knows neither.
     """
     import matplotlib as mpl
 

@@ -144,7 +144,9 @@ def test_samples_in_contact_are_the_same_from_both_sides(page: Page) -> None:
 
 
 def test_keys_step_and_play(page: Page) -> None:
+    assert page.run("crease.player.replays[0].areas[crease.player.frame]") > 0  # opens in contact
     for key, shift, frame in (
+        ("Home", False, 0),
         *(("ArrowRight", False, 1), ("ArrowRight", True, 21), ("ArrowLeft", False, 20)),
         *(("End", False, 2029), ("ArrowRight", False, 2029), ("Home", False, 0)),
     ):

@@ -27,7 +27,7 @@ RADIUS_MM, DEPTH_MM, STEP_MM, FLAT_MM = 50.0, 10.0, 0.1, 55.0
 """The paper's sphere and depth; one step a tick is 100 mm/s; how far the path goes on along each face."""
 
 STIFFNESS_N_M = 1000.0
-NAMES = {"fixed45": "fixed 45 degrees", "zones": "contact zones"}
+NAMES = {"zones": "contact zones", "fixed45": "fixed 45 degrees"}
 WEDGES = {60: "wedge60", 90: "block45k", 120: "wedge120"}
 EXACT_EVERY = 8
 """Every n-th pose has its exact direction computed: a boolean with a ball of 20,480 triangles costs 8 ms."""
@@ -171,7 +171,7 @@ def _draw_turns(setup: Setup, result: Result, turns: dict[str, dict[str, tuple[F
         axes = figure.subplots(2, 2, sharey=True).ravel()
         for axis, (name, found) in zip(axes, turns.items(), strict=True):
             for (response, (way, turn)), colour in zip(
-                found.items(), (COLOURS[1], COLOURS[0]), strict=True
+                found.items(), COLOURS[: len(found)], strict=True
             ):
                 axis.plot(way, turn, color=colour, label=NAMES[response])
             axis.axhline(18.0, color="#888888", lw=0.8, ls=":")

@@ -19,14 +19,27 @@ figure { margin: 1.4rem 0; } img { max-width: 100%; height: auto; } figcaption {
 caption { text-align: left; color: #555; padding-bottom: .3rem; }
 th, td { padding: .22rem .8rem; border-bottom: 1px solid #e4e4e4; text-align: right; white-space: nowrap; }
 th { font-weight: 600; white-space: normal; vertical-align: bottom; }
-td:first-child, th:first-child { text-align: left; }
+.text { text-align: left; }
 .files { color: #555; font-size: .85rem; } code { background: #f3f5f7; padding: 0 .25em; }
 """
 
 
+def _is_text(cells: Sequence[str]) -> bool:
+    """Whether a column holds words, not numbers."""
+    return any(cell and not any(c.isdigit() for c in cell) for cell in cells)
+
+
 def _table(table: Table) -> str:
-    head = "".join(f"<th>{escape(h)}</th>" for h in table.heads)
-    rows = ("".join(f"<td>{escape(c)}</td>" for c in row) for row in table.rows)
+    kinds = [
+        ' class="text"' if _is_text(column) else "" for column in zip(*table.rows, strict=True)
+    ]
+    head = "".join(
+        f"<th{kind}>{escape(h)}</th>" for kind, h in zip(kinds, table.heads, strict=True)
+    )
+    rows = (
+        "".join(f"<td{kind}>{escape(c)}</td>" for kind, c in zip(kinds, row, strict=True))
+        for row in table.rows
+    )
     body = "".join(f"<tr>{row}</tr>\n" for row in rows)
     return (
         f'<div class="scroll"><table><caption>{escape(table.caption)}</caption>'
@@ -51,14 +64,34 @@ def _section(result: Result, folder: Path) -> str:
     return "".join(parts)
 
 
-def make_report(results: Sequence[Result], folder: Path) -> str:
-    """The page as text; figures are read from `folder`."""
+_ABOUT = (
+    "The contact experiments of Hernantes, Borro and Garcia-Alonso (2007), Stable haptic response for complex "
+    "interactions, run again with crease. A rigid tool is led along given poses through a rigid mock-up; each pose "
+    "gives a force. As published: the paper's method, samples of the tool count as in or out. Ours, or zones: the "
+    "method of crease, a sample counts by the part of it that is inside. Exact: from mesh booleans, computed by other "
+    "code. A tick is one pose, 1 ms."
+)
+
+
+def _how(every: int, repeat: int) -> str:
+    """What the figures of the page hold, when it is not everything."""
+    if every == 1:
+        return ""
+    return (
+        f'<p class="found">A quick look: only every {every}th pose, so that a step from tick to tick is {every} '
+        f"times as long; timings are the least of {repeat}. Run it without --every for the figures.</p>\n"
+    )
+
+
+def make_report(results: Sequence[Result], folder: Path, every: int = 1, repeat: int = 20) -> str:
+    """The page as text; figures are read from `folder`, made with these options of the command."""
     links = "".join(f'<a href="#{r.name}">{escape(r.name)}</a>' for r in results)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>crease: experiments</title><style>{_STYLE}</style></head><body>\n"
-        f"<h1>Experiments</h1>\n<p>crease {__version__}, measured on {escape(machine())}.</p>\n<nav>{links}</nav>\n"
+        f"<h1>Experiments</h1>\n<p>crease {__version__}, measured on {escape(machine())}.</p>\n"
+        f"<p>{escape(_ABOUT)}</p>\n{_how(every, repeat)}<nav>{links}</nav>\n"
         + "".join(_section(result, folder) for result in results)
         + "</body></html>\n"
     )

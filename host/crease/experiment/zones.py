@@ -196,7 +196,7 @@ def _draw(setup: Setup, case: Case, areas: list[dict[str, Any]], pieces: list[Pi
             (axes.set_xlim, axes.set_ylim, axes.set_zlim), case.window_mm, strict=True
         ):
             set_limits(low, high)
-        axes.set_box_aspect([high - low for low, high in case.window_mm], zoom=1.45)
+        axes.set_box_aspect([high - low for low, high in case.window_mm], zoom=1.25)
         axes.view_init(elev=24.0, azim=-58.0)
         axes.set_axis_off()
         axes.set_title(f"{case.name}: depth {max(a['depth_mm'] for a in areas):.1f} mm")

@@ -75,5 +75,5 @@ def run(args: argparse.Namespace) -> None:
         print(f"{result.title}\n\n{text}\n", flush=True)
         write_bytes(out / f"{name}.txt", (text + "\n").encode())
     if args.name == "all":
-        write_bytes(out / REPORT, make_report(results, out).encode())
+        write_bytes(out / REPORT, make_report(results, out, args.every, args.repeat).encode())
         print(f"page: {out / REPORT}")

@@ -13,7 +13,15 @@ from crease.progress import Progress
 from crease.scene import open_scene
 from crease.table import check_suffix, check_target, write_bytes, write_table
 from crease.trajectory import load_trajectory
-from crease.verbs.common import SubParsers, add_force, add_json, number, print_json, print_lines, warn
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_json,
+    number,
+    print_json,
+    print_lines,
+    warn,
+)
 
 
 def add_parser(sub: SubParsers) -> None:

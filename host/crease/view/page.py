@@ -232,6 +232,13 @@ def _camera(scene: Scene, path: Trajectory, contacts: Contacts) -> dict[str, obj
     }
 
 
+def _start_s(path: Trajectory, contacts: Contacts) -> float:
+    """Where the page opens: halfway through the contact, so that the first picture shows a force."""
+    touching = np.flatnonzero(contacts.ticks["areas"] > 0)
+    at = int(touching[len(touching) // 2]) if len(touching) else 0
+    return float(path.t_s[at] - path.t_s[0])
+
+
 def _fill(title: str, header: dict[str, object], data: str) -> str:
     """The template with everything in its place."""
     scripts = load_scripts()
@@ -281,6 +288,7 @@ def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
             for r, i in zip(replays, index, strict=True)
         ],
         "patches": patches,
+        "start_s": _start_s(paths[0], made.contacts[index[0]][2]),
         "arrays": made.packer.header,
         "camera": _camera(scene, paths[0], made.contacts[index[0]][2]),
         "tool_radius_m": float(scene.meta.root_radius_m),

@@ -41,7 +41,8 @@ class Player {
     new ResizeObserver(() => this.layout()).observe(find("stage"));
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
     this.layout();
-    this.seek(Number(new URLSearchParams(location.hash.slice(1)).get("frame")) || 0);
+    const asked = new URLSearchParams(location.hash.slice(1)).get("frame");
+    this.seek(asked === null ? tickAt(this.times, header.start_s) : Number(asked) || 0);
     const loop = (now) => {
       this.advance(now);
       this.draw();
