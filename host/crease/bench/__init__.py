@@ -1,4 +1,4 @@
-"""Run time against error, scaling with the size of a scene, and what each level of skipping saves: `crease bench NAME`."""
+"""`crease bench NAME`: run time against error, scaling with scene size, what each level of skipping saves."""
 
 from __future__ import annotations
 

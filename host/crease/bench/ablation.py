@@ -48,8 +48,8 @@ def run(setup: BenchSetup) -> Result:
         "ablation",
         "What skipping saves",
         "The 60 mm cube of 2,700 triangles over the 45,000-triangle block, samples 2 mm apart, "
-        f"{STEP_MM:g} mm a tick: {', '.join(f'{k} {v:g} mm' for k, v in HEIGHTS_MM.items())} above the face. Every answer "
-        f"is the same to the bit. Median over the ticks, least of {setup.repeat} runs. Machine: {machine()}.",
+        f"{STEP_MM:g} mm a tick: {', '.join(f'{k} {v:g} mm' for k, v in HEIGHTS_MM.items())} "
+        f"above the face. Every answer is the same to the bit. Median over the ticks, least of {setup.repeat} runs. Machine: {machine()}.",
     )
     scene = setup.scene("block45k", "cube60_2700", 2.0, 2.0)
     rows: list[tuple[object, ...]] = []
@@ -71,7 +71,17 @@ def run(setup: BenchSetup) -> Result:
             rows.append((name, how, f"{values['points']:,.0f}", f"{values['nodes']:,.0f}", f"{values['contacts']:,.0f}",
                          f"{values['us']:.2f}", f"{saved:.1f}", "yes" if same else "NO"))  # fmt: skip
     setup.write_csv(result, "ablation.csv", {k: np.array(v) for k, v in columns.items()})
-    heads = ("motion", "skips", "samples looked at", "spheres", "inside", "tick, us", "times as long", "same bits")  # fmt: skip
+    heads = ("motion", "skips", "samples looked at", "spheres", "inside", "tick, us", "times as long",
+             "same bits")  # fmt: skip
+        "motion",
+        "skips",
+        "samples looked at",
+        "spheres",
+        "inside",
+        "tick, us",
+        "times as long",
+        "same bits",
+    )
     result.tables.append(Table("Each level of skipping left out", heads, text_rows(rows)))
     for name in HEIGHTS_MM:
         mine = {str(r[1]): str(r[6]) for r in rows if r[0] == name}

@@ -113,7 +113,7 @@ def _point(setup: BenchSetup, program: Path | None, sweep: Sweep, group: str, la
 def _directions(
     scene: Scene, path: Trajectory, exact: Exact, options: ReplayOptions
 ) -> tuple[float, float]:
-    """Median direction error, NaN when it is silent; share of the deep ticks without a force, which has no direction."""
+    """Median direction error, NaN when it is silent; share of the deep ticks without a force."""
     force = run_path(scene, path, options)["force_N"].astype(np.float64)
     true = exact_force_N(exact, options.stiffness_N_m)
     deep = np.linalg.norm(true, axis=1) > options.stiffness_N_m * DEEP_M
@@ -132,9 +132,10 @@ def _sweep(setup: BenchSetup, program: Path | None, sweep: Sweep) -> list[Point]
     base = setup.scene(sweep.static, sweep.tool, *sweep.base_mm)
     points = [point("zones, default", "zones", base, soft)]
     points.append(point("hard coverage", "hard", base, ReplayOptions(coverage="hard")))
-    for name in RESPONSES:
-        if name != "zones" and not (name == "sphere_proxy" and "sphere" not in sweep.path):
-            points.append(point("rival response", name, base, ReplayOptions(response=name)))
+    rivals = [
+        n for n in RESPONSES if n != "zones" and (n != "sphere_proxy" or "sphere" in sweep.path)
+    ]
+    points += [point("rival response", n, base, ReplayOptions(response=n)) for n in rivals]
     # Baking is what takes long: a quick look leaves these out.
     for tool in () if setup.quick else sweep.tessellations:
         scene = setup.scene(sweep.static, tool, *sweep.base_mm)
@@ -176,11 +177,14 @@ def read_points(file: Path) -> list[Point]:
                 for row in csv.DictReader(source)
             ]
     except (OSError, KeyError, ValueError) as error:
-        raise CreaseError(f"{file}: cannot be read as points of rival libraries: {error}") from error
+        raise CreaseError(
+            f"{file}: cannot be read as points of rival libraries: {error}"
+        ) from error
 
 
 def _parse(kind: Any, text: str) -> Any:
-    return {"str": str, "int": int, "float": float}[str(kind)](text)
+    parsers: dict[str, Any] = {"str": str, "int": int, "float": float}
+    return parsers[str(kind)](text)
 
 
 def write_points(file: Path, points: list[Point]) -> None:
@@ -202,7 +206,9 @@ def float32_um(scene: Scene, path: Trajectory) -> float:
     rows = path.rows.copy()
     sign = np.random.default_rng(1).choice([-1.0, 1.0], rows[:, 1:8].shape)
     single = rows[:, 1:8].astype(np.float32)
-    rows[:, 1:8] = np.where(sign > 0, np.nextafter(single, np.float32(2)), np.nextafter(single, np.float32(-2)))
+    rows[:, 1:8] = np.where(
+        sign > 0, np.nextafter(single, np.float32(2)), np.nextafter(single, np.float32(-2))
+    )
     moved = run_path(scene, Trajectory(rows, path.source))["force_N"].astype(np.float64)
     still = run_path(scene, path)["force_N"].astype(np.float64)
     gone = np.linalg.norm(moved - still, axis=1) / ReplayOptions().stiffness_N_m
@@ -224,7 +230,9 @@ def dominated(points: list[Point]) -> list[str]:
                 if getattr(p, key) < getattr(ours, key)
             ]
             if better:
-                found.append(f"{name}: {p.label} is faster and has less error of {' and '.join(better)}")
+                found.append(
+                    f"{name}: {p.label} is faster and has less error of {' and '.join(better)}"
+                )
     return found
 
 
@@ -257,7 +265,9 @@ def run(setup: BenchSetup) -> Result:
             "(over stiffness); the exact tables are computed in double."
         )
     worse = dominated(points)
-    result.found += worse or ["No rival measured here is both faster and more accurate than the default."]
+    result.found += worse or [
+        "No rival measured here is both faster and more accurate than the default."
+    ]
     _draw(setup, result, points)
     return result
 
@@ -301,7 +311,9 @@ def _draw(setup: BenchSetup, result: Result, points: list[Point]) -> None:
             if any(p.group == name for p in points)
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-        figure.suptitle(f"Run time against error: down and left is better ({machine()})", fontsize=11)
+        figure.suptitle(
+            f"Run time against error: down and left is better ({machine()})", fontsize=11
+        )
         caption = "Each mark is one way to answer the path; the exact boolean has no error and stands on the floor."
         setup.write_figure(result, "pareto.png", figure, caption)
 
@@ -319,7 +331,9 @@ def _panel(axis: Axes, points: list[Point], key: str, x_range: tuple[float, floa
         if not value > 0:
             continue
         marker, colour, size = GROUPS[p.group]
-        axis.scatter(p.p50_us, value, marker=marker, color=colour, s=size, zorder=3, lw=0, clip_on=False)
+        axis.scatter(
+            p.p50_us, value, marker=marker, color=colour, s=size, zorder=3, lw=0, clip_on=False
+        )
         marks.append((p.p50_us, value, p.label, colour))
     _spread_labels(axis, marks, x_range, y_range)
 
@@ -330,6 +344,7 @@ def _spread_labels(axis: Axes, marks: list[tuple[float, float, str, str]], x_ran
 
     Worked out in shares of the axes, from the size of a letter on this figure.
     """
+
     def share(value: float, ends: tuple[float, float]) -> float:
         return math.log(value / ends[0]) / math.log(ends[1] / ends[0])
 

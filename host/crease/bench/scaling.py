@@ -86,8 +86,8 @@ def run(setup: BenchSetup) -> Result:
     result = Result(
         "scaling",
         "Scene size",
-        f"A cube's corner {DEPTH_MM:g} mm deep in the face of another cube, sliding. Static triangles: a 100 mm cube cut "
-        "finer and finer. Larger tool: samples 2 mm apart on larger and larger cubes, the contact the same. Finer "
+        f"A cube's corner {DEPTH_MM:g} mm deep in the face of another cube, sliding. Static triangles: a 100 mm cube "
+        "cut finer and finer. Larger tool: samples 2 mm apart on larger and larger cubes, the contact the same. Finer "
         f"shell: a 50 mm cube with more and more samples, so that more are inside. Machine: {machine()}.",
     )
     last = QUICK if setup.quick else None

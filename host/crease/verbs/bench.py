@@ -21,7 +21,9 @@ def add_parser(sub: SubParsers) -> None:
         "scaling: scenes and shells from 1k to 1M. ablation: each level of skipping switched off. "
         "Images that are not baked yet are baked into DIR/images.",
     )
-    parser.add_argument("name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"]))  # fmt: skip
+    parser.add_argument(
+        "name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"])
+    )
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder")
     parser.add_argument("--quick", action="store_true", help="a part of it, in seconds")
     for option, default, about in (
@@ -29,9 +31,18 @@ def add_parser(sub: SubParsers) -> None:
         ("--images", "build/scenes", "images of these meshes that are there already"),
         ("--exact", "tests/golden/exact", "exact tables of the paths"),
     ):
-        parser.add_argument(option, metavar="DIR", type=Path, default=Path(default), help=f"{about} ({default})")  # fmt: skip
-    parser.add_argument("--peers", metavar="FILE", type=Path, help="points of rival libraries, from `make bench-peers`")  # fmt: skip
-    parser.add_argument("--repeat", metavar="N", type=whole, default=20, help="times are the least of N runs (20)")  # fmt: skip
+        parser.add_argument(
+            option, metavar="DIR", type=Path, default=Path(default), help=f"{about} ({default})"
+        )
+    parser.add_argument(
+        "--peers",
+        metavar="FILE",
+        type=Path,
+        help="points of rival libraries, from `make bench-peers`",
+    )
+    parser.add_argument(
+        "--repeat", metavar="N", type=whole, default=20, help="times are the least of N runs (20)"
+    )
     add_force(parser)
     parser.set_defaults(run=run)
 
@@ -54,7 +65,9 @@ def run(args: argparse.Namespace) -> None:
     except OSError as error:
         raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
     every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
-    setup = BenchSetup(args.meshes, args.images, out, every, repeat, args.exact, args.peers, args.quick)  # fmt: skip
+    setup = BenchSetup(
+        args.meshes, args.images, out, every, repeat, args.exact, args.peers, args.quick
+    )
     for name in names:
         result = run_bench(name, setup)
         text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
