@@ -49,7 +49,8 @@ def run(setup: BenchSetup) -> Result:
         "What skipping saves",
         "The 60 mm cube of 2,700 triangles over the 45,000-triangle block, samples 2 mm apart, "
         f"{STEP_MM:g} mm a tick: {', '.join(f'{k} {v:g} mm' for k, v in HEIGHTS_MM.items())} "
-        f"above the face. Every answer is the same to the bit. Median over the ticks, least of {setup.repeat} runs. Machine: {machine()}.",
+        "above the face. Every answer is the same to the bit. Median over the ticks, least of "
+        f"{setup.repeat} runs. Machine: {machine()}.",
     )
     scene = setup.scene("block45k", "cube60_2700", 2.0, 2.0)
     rows: list[tuple[object, ...]] = []
@@ -73,15 +74,6 @@ def run(setup: BenchSetup) -> Result:
     setup.write_csv(result, "ablation.csv", {k: np.array(v) for k, v in columns.items()})
     heads = ("motion", "skips", "samples looked at", "spheres", "inside", "tick, us", "times as long",
              "same bits")  # fmt: skip
-        "motion",
-        "skips",
-        "samples looked at",
-        "spheres",
-        "inside",
-        "tick, us",
-        "times as long",
-        "same bits",
-    )
     result.tables.append(Table("Each level of skipping left out", heads, text_rows(rows)))
     for name in HEIGHTS_MM:
         mine = {str(r[1]): str(r[6]) for r in rows if r[0] == name}
