@@ -209,6 +209,25 @@ bench: build/.host build/scenes/.stamp ## measured figures, with the machine's n
 	$(PY) tests/bench/bench.py --figures build/bench
 	$(PY) tests/bench/bake.py
 
+# An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
+PEERS := build/peers
+PEERS_PIP := python-fcl coal mujoco pybullet
+
+bench-peers: build/.host build/meshes/.stamp ## ODE, libccd, FCL, Coal, Bullet, MuJoCo on the edge: time and error, and the figure of `crease bench pareto`
+	@test -x $(PEERS)/bin/python || "$(PYTHON)" -m venv $(PEERS)
+	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check numpy scipy trimesh
+	@for p in $(PEERS_PIP); do $(PEERS)/bin/pip install --quiet --disable-pip-version-check --only-binary :all: $$p \
+	    || echo "bench-peers: $$p has no wheel for this machine: left out"; done
+	cc -O2 -shared -fPIC $$(pkg-config --cflags ode) tests/bench/peers/peers.c -lode -lccd -lm -o $(PEERS)/libpeers.so
+	rm -rf $(PEERS)/raw
+	$(PEERS)/bin/python tests/bench/peers/query.py build/meshes $(PEERS)/raw --library $(PEERS)/libpeers.so
+	@mkdir -p build/bench
+	$(PY) tests/bench/peers/collect.py $(PEERS)/raw build/bench/peers.csv
+	$(CREASE) bench pareto -o build/bench --peers build/bench/peers.csv --force
+
+stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
+	$(CREASE) stress -o build/stress
+
 bench-loop: build/.host build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
 	$(PY) tests/bench/loop.py --figure build/loop/edge.png
 
@@ -306,5 +325,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-loop bench-faults bench-latency hil hil-kernel check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers stress bench-loop bench-faults bench-latency hil hil-kernel check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

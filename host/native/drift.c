@@ -35,7 +35,8 @@ static void store(cr_drift_row *row, const cr_pose *pose, const cr_output *out) 
     row->faults = out->faults;
 }
 
-void cr_drift_run(cr_world *world, cr_pose *pose, cr_quat step, int unit, size_t every, size_t count, cr_drift_row *rows) {
+void cr_drift_run(cr_world *world, cr_pose *pose, cr_quat step, int unit, size_t every, size_t count,
+                  cr_drift_row *rows) {
     static const cr_output none;
     cr_output out = none;
     for (size_t row = 0; row < count; row++) {

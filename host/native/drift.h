@@ -15,6 +15,7 @@ typedef struct {
 
 /* Purpose  tick `every` times for each row: rot = step * rot in float32, made a unit again when `unit` is set.
  * Shapes   rows[count].   Output  *pose is the last one; rows hold the tick after every `every`-th step.   Cost  one cr_tick a step. */
-void cr_drift_run(cr_world *world, cr_pose *pose, cr_quat step, int unit, size_t every, size_t count, cr_drift_row *rows);
+void cr_drift_run(cr_world *world, cr_pose *pose, cr_quat step, int unit, size_t every, size_t count,
+                  cr_drift_row *rows);
 
 #endif

@@ -8,16 +8,15 @@ Needs build/scenes and build/meshes (make scenes). Figures written in tests/benc
 from __future__ import annotations
 
 import argparse
-import gzip
 import json
-import platform
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
-from crease.measures import DEEP_M, Accuracy, angle_deg, compare, direction_steps_deg, motion_m
+from crease.bench.setup import exact_force_N, measure, read_exact
+from crease.experiment.setup import machine
+from crease.measures import DEEP_M, Accuracy, angle_deg, direction_steps_deg
 from crease.replay import ReplayOptions, World, run_path
 from crease.scene import Scene, open_scene
 from crease.scenes import SceneSpec, load_specs
@@ -30,7 +29,6 @@ ROOT = Path(__file__).resolve().parents[2]
 MESHES = ROOT / "build" / "meshes"
 SCENES = ROOT / "build" / "scenes"
 EXACT = ROOT / "tests" / "golden" / "exact"
-F64 = npt.NDArray[np.float64]
 
 METHODS = {
     "soft": ReplayOptions(),
@@ -50,48 +48,6 @@ COLUMNS = (
 )
 
 
-def machine() -> str:
-    """Processor and system, in one line."""
-    model = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        names = [line for line in cpuinfo.read_text().splitlines() if line.startswith("model name")]
-        model = names[0].split(":", 1)[1].strip() if names else model
-    return f"{model}, {platform.system()} {platform.machine()}, one thread"
-
-
-def read_exact(path: Path) -> dict[str, F64]:
-    """Columns of an exact reference file."""
-    with gzip.open(path, "rt", encoding="utf-8") as file:
-        names = file.readline().strip().split(",")
-        rows = np.loadtxt(file, delimiter=",", ndmin=2)
-    return dict(zip(names, rows.T, strict=True))
-
-
-def box_corners(scene: Scene) -> F64:
-    """Corners of the tool's box, (8, 3)."""
-    low, high = np.array(list(scene.meta.tool_min_m)), np.array(list(scene.meta.tool_max_m))
-    pick = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
-    return np.where(pick, high, low).astype(np.float64)
-
-
-def measure(
-    scene: Scene, path: Trajectory, exact: dict[str, F64], spec: SceneSpec, options: ReplayOptions
-) -> Accuracy:
-    """One replay against the reference. Ticks that the reference leaves out are left out of everything."""
-    rows = run_path(scene, path, options)
-    moved = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
-    exact_force = np.column_stack([exact[f"f{a}_mm"] for a in "xyz"]) * 1e-3 * spec.stiffness_N_m
-    return compare(
-        rows["force_N"].astype(np.float64),
-        rows["depth_m"].astype(np.float64),
-        exact_force,
-        exact["depth_mm"] * 1e-3,
-        spec.stiffness_N_m,
-        moved,
-    )
-
-
 def accuracy_table(specs: dict[str, SceneSpec]) -> dict[str, dict[str, Accuracy]]:
     """Print and return scene x method."""
     head = " ".join(f"{title:>7s}" for _, title, _, _ in COLUMNS)
@@ -105,7 +61,7 @@ def accuracy_table(specs: dict[str, SceneSpec]) -> dict[str, dict[str, Accuracy]
         exact = read_exact(EXACT / spec.exact)
         results[name] = {}
         for method, options in METHODS.items():
-            found = measure(scene, path, exact, spec, options)
+            found = measure(scene, path, exact, replace(options, stiffness_N_m=spec.stiffness_N_m))
             results[name][method] = found
             values = " ".join(f"{getattr(found, key):{form}}" for key, _, _, form in COLUMNS)
             print(f"{name:16s} {method:8s} {values}", flush=True)
@@ -180,7 +136,7 @@ def draw_scene(name: str, spec: SceneSpec, folder: Path) -> Path:
     assert spec.exact is not None
     scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
     exact = read_exact(EXACT / spec.exact)
-    exact_N = np.column_stack([exact[f"f{a}_mm"] for a in "xyz"]) * 1e-3 * spec.stiffness_N_m
+    exact_N = exact_force_N(exact, spec.stiffness_N_m)
     figure, axes = plt.subplots(3, 1, figsize=(9, 9), sharex=True, layout="constrained")
     for method, options in METHODS.items():
         force_N = run_path(scene, path, options)["force_N"].astype(np.float64)

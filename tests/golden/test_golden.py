@@ -60,7 +60,7 @@ def figures(name: str) -> Accuracy:
     assert spec.exact is not None
     scene, path = open_scene(bench.SCENES / f"{name}.crs"), load_trajectory(spec.path)
     exact = bench.read_exact(bench.EXACT / spec.exact)
-    return bench.measure(scene, path, exact, spec, ReplayOptions())
+    return bench.measure(scene, path, exact, ReplayOptions(stiffness_N_m=spec.stiffness_N_m))
 
 
 def read_bounds() -> dict[tuple[str, str], float]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crease.errors import CreaseError
+from crease.native import ffi
 from crease.replay import ReplayOptions
 from crease.stress import checks
 from crease.stress.campaign import Settings, chunk_file, read_reports, run_campaign, summarise
@@ -16,7 +17,6 @@ from crease.stress.cases import KINDS, Place, run_case, touching
 from crease.stress.drift import ROW, run_drift
 from crease.stress.keep import keep
 from crease.stress.pool import Pair, quaternion_product, random_pair, to_frame
-from crease.native import ffi
 from host_tools import Run
 
 SEED = 11
@@ -127,7 +127,7 @@ def test_checks_see_wrong_answers(pair: Pair) -> None:
 
 
 def test_continuity_sees_a_jump_and_not_a_slope() -> None:
-    """Hard coverage with the published method jumps by whole samples; the soft zone method on a convex pair does not."""
+    """Hard coverage jumps by whole samples; soft coverage seldom does."""
     hard = soft = 0
     for seed in range(40):
         made, _ = random_pair((SEED, 1, seed)) if seed % 20 == 0 else (made, 0)  # noqa: F821
@@ -185,7 +185,17 @@ def test_quaternion_drift_over_a_short_run() -> None:
 
 
 def test_the_verb_reports_and_fails_on_violations(crease: Run, tmp_path: Path) -> None:
-    words = ("stress", "-o", str(tmp_path / "s"), "--cases", "40", "--per-chunk", "40", "--scenes", "1")
+    words = (
+        "stress",
+        "-o",
+        str(tmp_path / "s"),
+        "--cases",
+        "40",
+        "--per-chunk",
+        "40",
+        "--scenes",
+        "1",
+    )
     done = crease(*words, "--seed", "5", "--drift", "1000", "--json")
     summary = json.loads(done.out)
     assert summary["cases"] == 40

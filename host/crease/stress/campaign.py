@@ -74,9 +74,7 @@ def minimise(seed: tuple[int, ...], pairs: list[Pair], place: Place, bad: Violat
 def run_chunk(folder: Path, settings: Settings, chunk: int) -> dict[str, Any]:
     """Bake the scenes of a chunk, run its cases, write its report.   Output: the report.   Errors: CreaseError."""
     start_s, cpu_s = time.perf_counter(), time.process_time()
-    made = [
-        random_pair((settings.seed, chunk, SCENE_SEED + i)) for i in range(settings.scenes)
-    ]
+    made = [random_pair((settings.seed, chunk, SCENE_SEED + i)) for i in range(settings.scenes)]
     pairs = [pair for pair, _ in made]
     bake_s = time.process_time() - cpu_s
     kinds = {kind: {"cases": 0, "ticks": 0, "contacts": 0} for kind in KINDS}
@@ -118,7 +116,9 @@ def _count(kind: dict[str, int], found: Found) -> None:
     kind["contacts"] += found.contacts
 
 
-def _entry(seed: tuple[int, ...], kind: str, place: Place, bad: Violation, reproducer: str) -> dict[str, Any]:  # fmt: skip
+def _entry(
+    seed: tuple[int, ...], kind: str, place: Place, bad: Violation, reproducer: str
+) -> dict[str, Any]:
     return {
         "case": list(seed),
         "kind": kind,
@@ -177,9 +177,7 @@ def _serial(
         yield run_chunk(folder, settings, chunk)
 
 
-def _pool(
-    folder: Path, settings: Settings, todo: list[int], jobs: int
-) -> Iterator[dict[str, Any]]:
+def _pool(folder: Path, settings: Settings, todo: list[int], jobs: int) -> Iterator[dict[str, Any]]:
     from concurrent.futures import ProcessPoolExecutor, as_completed
     from multiprocessing import get_context
 
@@ -201,7 +199,7 @@ def _dask(
     except ImportError as error:
         raise CreaseError("--scheduler needs Dask: pip install 'crease[dask]'") from error
     try:
-        client = Client(scheduler, timeout=10)
+        client: Any = Client(scheduler, timeout=10)
     except (OSError, ValueError) as error:
         raise CreaseError(f"--scheduler {scheduler}: no answer: {error}") from error
     with client:

@@ -14,7 +14,7 @@ from crease.replay import ReplayOptions, World
 from crease.stress import checks
 from crease.stress.checks import Violation
 from crease.stress.pool import Pair, Placed, matrices, rotations, to_frame
-from crease.stress.solids import STATIC_M, Rng
+from crease.stress.solids import Rng
 
 F64 = npt.NDArray[np.float64]
 

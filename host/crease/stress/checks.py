@@ -94,9 +94,7 @@ def sound(rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
     return None
 
 
-def bounded(
-    placed: Placed, rows: Rows, poses: F64, options: ReplayOptions
-) -> Violation | None:
+def bounded(placed: Placed, rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
     """No depth of the zone method is more than the tool's diameter."""
     if options.response != "zones" or options.coverage != "soft":
         return None
@@ -156,7 +154,7 @@ def _vector(v: Any) -> F64:
 
 
 def no_pull(placed: Placed, poses: F64, options: ReplayOptions) -> Violation | None:
-    """Every area pushes along its own normal, out of the static object, damper or not; |force x normal| < 1e-4 |force|."""
+    """Every area pushes along its own normal, out of the static object; |force x normal| < 1e-4 |force|."""
     world = World(placed.scene, options)
     for i, pose in enumerate(to_frame(placed.frame, poses)):
         out = world.tick(pose, PERIOD_S)
@@ -174,7 +172,7 @@ def no_pull_exact(
 ) -> Violation | None:
     """Convex solids: the force does not increase the overlap, F . (-grad V) >= 0, from an exact boolean.
 
-    Only where the overlap has a way out (its two-sided surface leaves more than a fifth) and is deeper than the spacing.
+    Only where the overlap has a way out (more than a fifth of its surface is left) and is deeper than the spacing.
     """
     force = depth_vectors(placed, rows, options)
     for i in np.flatnonzero(np.linalg.norm(force, axis=1) > 0)[:most]:
@@ -285,9 +283,7 @@ def continuity(
     return Violation(name, text, jump_m, bound_m + 2 * exact_m, ends, unlimited), jump_m
 
 
-def same_in_frames(
-    pair: Pair, poses: F64, options: ReplayOptions
-) -> tuple[Violation | None, F64]:
+def same_in_frames(pair: Pair, poses: F64, options: ReplayOptions) -> tuple[Violation | None, F64]:
     """The same force in a scene that is turned and shifted as a whole.
 
     Voxels and samples lie elsewhere there, so the two differ by what the images are worth. Violated when the
@@ -304,7 +300,9 @@ def same_in_frames(
     middle_m = worth_m + LIPSCHITZ * (pair.here.rounding_m + pair.there.rounding_m)
     if float(np.median(errors)) > middle_m:
         text = f"median difference of {1e3 * float(np.median(errors)):.4g} mm between two frames"
-        return Violation("frame", text, float(np.median(errors)), middle_m, poses, unlimited), errors
+        return Violation(
+            "frame", text, float(np.median(errors)), middle_m, poses, unlimited
+        ), errors
     bound_m = pair.here.spacing_m + 8 * middle_m
     i = int(np.argmax(errors))
     if errors[i] <= bound_m:

@@ -38,7 +38,9 @@ def command(name: str, violation: Violation) -> str:
     return shlex.join(words)
 
 
-def keep(folder: Path, seed: tuple[int, ...], kind: str, place: Place, violation: Violation) -> Path:
+def keep(
+    folder: Path, seed: tuple[int, ...], kind: str, place: Place, violation: Violation
+) -> Path:
     """Write a reproducer into a folder of its own below `folder`.   Output: that folder.   Errors: CreaseError."""
     own = folder / f"{violation.check.split()[0]}-{'-'.join(map(str, seed))}"
     own.mkdir(parents=True, exist_ok=True)

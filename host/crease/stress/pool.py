@@ -55,7 +55,7 @@ class Placed:
 
     @property
     def resolution_m(self) -> float:
-        """Hand size: what distances are worth here. Measured error of the image, and rounding of float32 coordinates."""
+        """Hand size: what distances are worth here: measured error of the image, and rounding of float32."""
         meta = self.scene.meta
         reach_m = max(
             float(np.abs(list(meta.static_min_m)).max()),
@@ -173,7 +173,9 @@ def random_pair(seed: tuple[int, ...]) -> tuple[Pair, int]:
         name = f"{kinds[1]} in {kinds[0]}, {'far' if far else size}"
         try:
             meshes = [_mesh(rng, s) for s in solids]
-            placed = [_bake(*meshes, frame, voxel_m, spacing_m, name) for frame in frames]
+            placed = [
+                _bake(meshes[0], meshes[1], frame, voxel_m, spacing_m, name) for frame in frames
+            ]
         except MeshError:
             refused += 1
             continue

@@ -35,7 +35,9 @@ def add_parser(sub: SubParsers) -> None:
         "--per-chunk", metavar="N", type=whole, default=PER_CHUNK,
         help=f"cases that share scenes and a file ({PER_CHUNK})",
     )  # fmt: skip
-    parser.add_argument("--scenes", metavar="N", type=whole, default=4, help="scenes of a chunk (4)")
+    parser.add_argument(
+        "--scenes", metavar="N", type=whole, default=4, help="scenes of a chunk (4)"
+    )
     parser.add_argument(
         "--scheduler", metavar="tcp://...", help="an existing Dask cluster that sees DIR, instead of --jobs"
     )  # fmt: skip
@@ -85,14 +87,20 @@ def run(args: argparse.Namespace) -> None:
 
 def _tell(summary: dict[str, Any], folder: Path) -> None:
     rate = summary["cases"] / max(summary["cpu_s"], 1e-9)
+    baking = summary["bake_cpu_s"] / max(summary["cpu_s"], 1e-9)
     lines = [
         ("cases", f"{summary['cases']:,} in {summary['scenes']:,} scenes, {summary['ticks']:,} ticks"),
-        ("cost", f"{rate:.0f} cases per second of processor time, {summary['bake_cpu_s'] / max(summary['cpu_s'], 1e-9):.0%} of it baking"),
+        ("cost", f"{rate:.0f} cases per second of processor time, {baking:.0%} of it baking"),
     ]  # fmt: skip
     for name, kind in summary["kinds"].items():
         lines.append((name, f"{kind['cases']:,} cases, {kind['ticks']:,} ticks"))
     for name, n in summary["numbers"].items():
-        lines.append((name, f"p50 {n['p50']:.3g}, p99 {n['p99']:.3g}, p99.9 {n['p99.9']:.3g}, max {n['max']:.3g}"))  # fmt: skip
+        lines.append(
+            (
+                name,
+                f"p50 {n['p50']:.3g}, p99 {n['p99']:.3g}, p99.9 {n['p99.9']:.3g}, max {n['max']:.3g}",
+            )
+        )
     for drift in summary["drift"]:
         how = "made a unit each tick" if drift["unit"] else "left alone"
         end = f"fault after {drift['ticks_to_fault']:,}" if drift["ticks_to_fault"] else "no fault"
@@ -100,7 +108,9 @@ def _tell(summary: dict[str, Any], folder: Path) -> None:
         lines.append(("drift", f"quaternion {how}, {drift['ticks']:,} ticks: {end}, {what}"))
     for check, count in summary["violations_by_check"].items():
         lines.append(("VIOLATED", f"{check}: {count}"))
-    lines.append(("violations", f"{summary['violations']} of {summary['cases']:,}, {folder / SUMMARY}"))
+    lines.append(
+        ("violations", f"{summary['violations']} of {summary['cases']:,}, {folder / SUMMARY}")
+    )
     print_lines(lines)
     for v in summary["listed"][:SHOWN]:
         print(f"  {v['check']}, {v['scene']}, case {v['case']}: {v['text']}")

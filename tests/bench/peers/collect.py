@@ -1,0 +1,70 @@
+"""Answers of the rival libraries (query.py) against the exact tables: the points of `crease bench pareto --peers`.
+
+    python collect.py RAW OUT.csv
+
+Force is depth times normal, over stiffness. No amplification: the poses are thinned, and it lives in single ticks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+from crease.bench.pareto import Point, write_points
+from crease.bench.setup import exact_force_N, read_exact
+from crease.measures import DEEP_M, angle_deg, compare
+from crease.trajectory import load_trajectory
+
+ROOT = Path(__file__).resolve().parents[3]
+STIFFNESS_N_M = 1000.0
+
+
+def point_of(file: Path) -> Point:
+    """One library on one path."""
+    name, path = file.stem.rsplit("-", 1)
+    found = np.load(file)
+    every = int(found["every"])
+    exact = {
+        k: v[::every] for k, v in read_exact(ROOT / f"tests/golden/exact/{path}.csv.gz").items()
+    }
+    rows = load_trajectory(ROOT / f"build/meshes/{path}.csv").rows[::every]
+    true_N = exact_force_N(exact, STIFFNESS_N_M)
+    force_N = STIFFNESS_N_M * found["depth_m"][:, None] * found["normal"]
+    moved = np.linalg.norm(np.diff(rows[:, 1:4], axis=0), axis=1)
+    a = compare(force_N, found["depth_m"], true_N, exact["depth_mm"] * 1e-3, STIFFNESS_N_M, moved)
+    deep = np.linalg.norm(true_N, axis=1) > STIFFNESS_N_M * DEEP_M
+    silent = 1.0 - float(force_N[deep].any(axis=1).mean())
+    turn = angle_deg(force_N, true_N)[deep & force_N.any(axis=1)]
+    us = found["time_us"][exact["depth_mm"] > 0]
+    depth_mm = 1e3 * found["depth_m"][deep] - exact["depth_mm"][deep]
+    print(
+        f"| {path} | {name} | {np.median(us):.1f} | {us.max():.0f} | {a.force_rms_mm:.3g} | "
+        f"{depth_mm.mean():+.2f} +- {depth_mm.std():.2f} | {np.median(turn) if len(turn) else math.nan:.2f} | "
+        f"{np.percentile(turn, 99) if len(turn) else math.nan:.1f} | {silent:.0%} |"
+    )
+    nan = math.nan
+    return Point(
+        path, "rival library", name, nan, nan, int(found["triangles"]), float(np.median(us)),
+        float(us.max()), nan, 0, 0, a.force_rms_mm, a.force_max_mm,
+        float(np.median(turn)) if len(turn) else nan,
+        float(np.percentile(turn, 99)) if len(turn) else nan, a.depth_rms_mm, nan, nan,
+    )  # fmt: skip
+
+
+def main() -> None:
+    """Command line: see the top of the file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("raw", type=Path)
+    parser.add_argument("out", type=Path)
+    args = parser.parse_args()
+    heads = ("path", "library", "query p50, us", "max, us", "force RMS, mm", "depth error, mm",
+             "direction p50, deg", "p99, deg", "silent")  # fmt: skip
+    print(f"| {' | '.join(heads)} |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    write_points(args.out, [point_of(file) for file in sorted(args.raw.glob("*.npz"))])
+
+
+if __name__ == "__main__":
+    main()
