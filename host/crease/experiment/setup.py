@@ -98,7 +98,7 @@ class Setup:
         from crease.bake import BakeOptions, bake_scene
 
         meshes = self.mesh(static), self.mesh(tool)
-        own = self.out / "images" / f"{static}-{tool}-{voxel_mm:g}-{spacing_mm:g}.crs"
+        own = self.out / "images" / f"{static}-{tool}-{voxel_m / MM:g}-{spacing_m / MM:g}.crs"
         for image in (own, *sorted(self.images.glob("*.crs"))):
             if image.exists() and _is_of(image, meshes, voxel_m, spacing_m):
                 return open_scene(image)
