@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import time
 from dataclasses import dataclass, fields
@@ -191,11 +192,13 @@ def write_points(file: Path, points: list[Point]) -> None:
     """All points as CSV.   Errors: CreaseError."""
     from crease.table import write_bytes
 
-    rows = [",".join(COLUMNS)]
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    out.writerow(COLUMNS)
     for p in points:
         values = (getattr(p, name) for name in COLUMNS)
-        rows.append(",".join(f"{v:.6g}" if isinstance(v, float) else str(v) for v in values))
-    write_bytes(file, ("\n".join(rows) + "\n").encode())
+        out.writerow([f"{v:.6g}" if isinstance(v, float) else v for v in values])
+    write_bytes(file, text.getvalue().encode())
 
 
 def float32_um(scene: Scene, path: Trajectory) -> float:
