@@ -63,7 +63,7 @@ class Setup:
     every: int = 1
     repeat: int = 20
     _meshes: dict[str, Mesh] = field(default_factory=dict, repr=False)
-    _scenes: dict[tuple[str, str], Scene] = field(default_factory=dict, repr=False)
+    _scenes: dict[tuple[str, str, float, float], Scene] = field(default_factory=dict, repr=False)
 
     def mesh(self, name: str) -> Mesh:
         """A mesh by name.   Errors: CreaseError, with how to make it."""
@@ -88,11 +88,10 @@ class Setup:
 
     def scene(self, static: str, tool: str, voxel_mm: float, spacing_mm: float) -> Scene:
         """The image of two meshes: an image already baked when it is of the same meshes, else baked into out/images."""
-        if (static, tool) not in self._scenes:
-            self._scenes[static, tool] = self._find_or_bake(
-                static, tool, voxel_mm * MM, spacing_mm * MM
-            )
-        return self._scenes[static, tool]
+        key = (static, tool, voxel_mm, spacing_mm)
+        if key not in self._scenes:
+            self._scenes[key] = self._find_or_bake(static, tool, voxel_mm * MM, spacing_mm * MM)
+        return self._scenes[key]
 
     def _find_or_bake(self, static: str, tool: str, voxel_m: float, spacing_m: float) -> Scene:
         from crease.bake import BakeOptions, bake_scene

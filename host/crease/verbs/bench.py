@@ -66,8 +66,9 @@ def run(args: argparse.Namespace) -> None:
         raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
     every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
     setup = BenchSetup(
-        args.meshes, args.images, out, every, repeat, args.exact, args.peers, args.quick
-    )
+        args.meshes, args.images, out, every, repeat,
+        exact=args.exact, peers=args.peers, quick=args.quick,
+    )  # fmt: skip
     for name in names:
         result = run_bench(name, setup)
         text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
