@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from bench import machine
+from crease.experiment.setup import machine
 from crease.native import lib
 from crease.recording import fault_names, load_recording
 

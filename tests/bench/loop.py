@@ -20,8 +20,8 @@ from pathlib import Path
 import loop_report
 import numpy as np
 import numpy.typing as npt
-from bench import machine
 from crease.bus.drives import Mech, Params
+from crease.experiment.setup import machine
 from loop_report import Claim
 from scipy.linalg import expm
 

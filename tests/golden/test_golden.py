@@ -25,6 +25,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "bench")]
 
 import bench  # noqa: E402
+from crease.bench.setup import measure, read_exact  # noqa: E402
 from crease.measures import Accuracy  # noqa: E402
 from crease.replay import ReplayOptions  # noqa: E402
 from crease.scene import open_scene  # noqa: E402
@@ -59,8 +60,8 @@ def figures(name: str) -> Accuracy:
     spec = SPECS[name]
     assert spec.exact is not None
     scene, path = open_scene(bench.SCENES / f"{name}.crs"), load_trajectory(spec.path)
-    exact = bench.read_exact(bench.EXACT / spec.exact)
-    return bench.measure(scene, path, exact, ReplayOptions(stiffness_N_m=spec.stiffness_N_m))
+    exact = read_exact(bench.EXACT / spec.exact)
+    return measure(scene, path, exact, ReplayOptions(stiffness_N_m=spec.stiffness_N_m))
 
 
 def read_bounds() -> dict[tuple[str, str], float]:

@@ -163,7 +163,7 @@ static void tick_takes_a_quaternion_within_one_percent_and_normalises_it(void **
 
 static void tick_takes_the_whole_range_of_periods(void **state) {
     (void)state;
-    const float periods[] = {1.0f, 1e-6f, 1e-30f};
+    const float periods[] = {1.0f, 1e-6f, 1e-30f, 1e-40f};
     cr_config config = cr_config_default();
     config.damping_Ns_m = 1e4f;
     for (size_t i = 0; i < sizeof periods / sizeof *periods; i++) {

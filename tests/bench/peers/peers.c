@@ -29,8 +29,8 @@ static dGeomID make_ode(const mesh *m, dTriIndex *index) {
         index[i] = (dTriIndex)m->triangles[i];
     }
     dTriMeshDataID data = dGeomTriMeshDataCreate();
-    dGeomTriMeshDataBuildDouble(data, m->vertices, 3 * (int)sizeof(double), m->vertex_count, index, 3 * m->triangle_count,
-                                3 * (int)sizeof(dTriIndex));
+    dGeomTriMeshDataBuildDouble(data, m->vertices, 3 * (int)sizeof(double), m->vertex_count, index,
+                                3 * m->triangle_count, 3 * (int)sizeof(dTriIndex));
     return dCreateTriMesh(0, data, NULL, NULL, NULL);
 }
 
@@ -97,8 +97,8 @@ static void support(const void *object, const ccd_vec3_t *dir, ccd_vec3_t *v) {
         best = fmax(best, along);
     }
     for (int k = 0; k < 3; k++) {
-        v->v[k] = (ccd_real_t)(b->rot[3 * k] * chosen[0] + b->rot[3 * k + 1] * chosen[1] + b->rot[3 * k + 2] * chosen[2] +
-                               b->pos[k]);
+        v->v[k] = (ccd_real_t)(b->rot[3 * k] * chosen[0] + b->rot[3 * k + 1] * chosen[1] +
+                               b->rot[3 * k + 2] * chosen[2] + b->pos[k]);
     }
 }
 
@@ -109,7 +109,8 @@ static void centre(const void *object, ccd_vec3_t *c) {
         sum[i % 3] += b->m->vertices[i] / b->m->vertex_count;
     }
     for (int k = 0; k < 3; k++) {
-        c->v[k] = (ccd_real_t)(b->rot[3 * k] * sum[0] + b->rot[3 * k + 1] * sum[1] + b->rot[3 * k + 2] * sum[2] + b->pos[k]);
+        c->v[k] =
+            (ccd_real_t)(b->rot[3 * k] * sum[0] + b->rot[3 * k + 1] * sum[1] + b->rot[3 * k + 2] * sum[2] + b->pos[k]);
     }
 }
 
