@@ -3,11 +3,17 @@
 
 /* A piece has to land this close to the surface, beside the error of the distances, to count as inside. */
 #define LANDING_M 1e-6f
-/* Part of a face sample's piece, from its middle to its border, that is certainly on the tool whatever the piece's shape: the half
- * width of a triangle, by its second moment, reaches 1.22 times as far as its border. */
-#define FACE_PART 0.8f
+/* Part of the way from the middle of a face sample's piece to its border that is taken to be on the tool. The half width by the second
+ * moment reaches 0.91 of the way to the border of a hexagon, all of it in a square and 1.22 in a triangle. */
+#define FACE_PART 0.9f
 /* A piece of face that is entered beside its sample counts in full from this coverage on: it comes and goes gently. */
 #define FACE_FULL 0.125f
+/* It counts in full when it is this deep where it enters, as a share of the largest distance at which it can be covered. */
+#define FACE_INSIDE 0.2f
+/* It is led this much deeper than the surface, as a share of the same, in this many steps: three find a
+ * corner's tip. */
+#define FACE_AIM 0.3f
+#define FACE_STEPS 3
 
 /* W v for one lane. */
 static cr_vec3 spread_times(const struct cr_img_cluster *c, int lane, cr_vec3 v) {
@@ -178,41 +184,55 @@ static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hi
     return lanes & hit->near & ((1u << c->count) - 1u);
 }
 
-/* Moves a face sample that is outside down the distance along its piece, as far as the surface or FACE_PART of the way to the
- * piece's border. */
+/* Moves a face sample, now at p, down the distance along its piece: a little beyond the surface, at most FACE_PART of the way from
+ * the piece's middle to its border. */
 static cr_vec3 slide_on_face(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int i,
-                             cr_vec3 p_world) {
+                             cr_vec3 middle_world, cr_vec3 p_world) {
     cr_vec3 g = xform_unrotate(pose, v3(at->gx[i], at->gy[i], at->gz[i]));
     cr_vec3 way = spread_times(c, i, g);
-    float length2 = v3_dot(way, way), fall = v3_dot(way, g);
-    if (!(length2 > 0.0f) || !(fall > 0.0f)) {
+    float fall = v3_dot(way, g);
+    if (!(fall > 0.0f) || !(at->phi_m[i] > -FACE_AIM * c->ramp[i])) {
         return p_world;
     }
-    float half = 0.5f * FACE_PART * sqrtf(max_f(0.0f, v3_dot(way, spread_times(c, i, way))) / length2);
-    float part = min_f(at->phi_m[i] / fall, half / sqrtf(length2));
-    return v3_mad(p_world, xform_rotate(pose, way), -part);
+    cr_vec3 to = v3_mad(p_world, xform_rotate(pose, way), -(at->phi_m[i] + FACE_AIM * c->ramp[i]) / fall);
+    cr_vec3 out = v3_sub(to, middle_world), out_tool = xform_unrotate(pose, out);
+    float length2 = v3_dot(out, out);
+    /* Half the piece's width that way is 1/2 sqrt(u W u) for the unit vector u. */
+    float half2 = 0.25f * FACE_PART * FACE_PART * v3_dot(out_tool, spread_times(c, i, out_tool));
+    return length2 * length2 > half2 ? v3_mad(middle_world, out, sqrtf(max_f(0.0f, half2)) / length2) : to;
+}
+
+/* Height along n that the piece of face lane i gives, entered at p: the contact plane's where it does not count. It counts as far as
+ * it is certainly inside there, the bow of the piece and the error of the distance taken off, and as far as it is covered. */
+static float height_on_face(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d,
+                            const cr_lookup *at, int i, cr_vec3 p, float coverage) {
+    int exact = (int)((at->from_facet >> i) & 1u); /* distances from planes are */
+    float unsure_m = c->bow[i] + (exact ? LANDING_M : in->field->scene->meta->error_max_m);
+    float inside = clamp_f(-(at->phi_m[i] + unsure_m) / (FACE_INSIDE * c->ramp[i]), 0.0f, 1.0f);
+    float depth = max_f(0.0f, d->plane_m - v3_dot(d->n_world, p) - c->bow[i]);
+    return lies_behind(d, p) ? d->plane_m - min_f(1.0f, coverage / FACE_FULL) * inside * depth : d->plane_m;
 }
 
 /* Lowest n . p where a static edge or corner reaches into faces between their samples: each sample goes to where its piece enters.
- * What it still lacks to the surface, and the bow of the piece, count against it; and it counts as far as its piece is covered. */
+ * A piece that is outside gives nothing. */
 static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d, cr_lookup *at,
                              cr_lanes3 *world, uint32_t lanes, float best) {
     float coverage[CR_LANES];
     cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, world, at, coverage);
-    for (uint32_t left = lanes; left != 0u;) {
-        int i = take_lane(&left);
-        cr_vec3 p = slide_on_face(c, at, in->world_from_tool, i, lane_of(world, i));
-        world->x[i] = p.x;
-        world->y[i] = p.y;
-        world->z[i] = p.z;
-    }
-    cr_field_look_up_lanes(in->field, world, lanes, at);
-    while (lanes != 0u) {
-        int i = take_lane(&lanes);
-        cr_vec3 p = lane_of(world, i);
-        float height = v3_dot(d->n_world, p) + max_f(0.0f, at->phi_m[i]) + c->bow[i];
-        float depth = min_f(1.0f, coverage[i] / FACE_FULL) * max_f(0.0f, d->plane_m - height);
-        best = lies_behind(d, p) ? min_f(best, d->plane_m - depth) : best;
+    const cr_lanes3 middle = *world;
+    for (int step = 0; step < FACE_STEPS; step++) {
+        for (uint32_t left = lanes; left != 0u;) {
+            int i = take_lane(&left);
+            cr_vec3 p = slide_on_face(c, at, in->world_from_tool, i, lane_of(&middle, i), lane_of(world, i));
+            world->x[i] = p.x;
+            world->y[i] = p.y;
+            world->z[i] = p.z;
+        }
+        cr_field_look_up_lanes(in->field, world, lanes, at);
+        for (uint32_t left = lanes; left != 0u;) {
+            int i = take_lane(&left);
+            best = min_f(best, height_on_face(in, c, d, at, i, lane_of(world, i), coverage[i]));
+        }
     }
     return best;
 }
