@@ -24,7 +24,7 @@ FIRMWARE_C := $(wildcard firmware/*.c)
 # Other methods, for comparison: host and simulator only, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
-PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) firmware/port/cortex-m7/fdcan.c
+PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
 C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
@@ -325,5 +325,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers stress bench-loop bench-faults bench-latency hil hil-kernel check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

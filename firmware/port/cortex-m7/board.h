@@ -18,6 +18,9 @@ _Noreturn void board_stop(uint32_t why);
 /* SysTick's exception. */
 void board_systick(void);
 
+/* Purpose  the device behind this board, and how the loop runs it. */
+cr_servo_config board_settings(void);
+
 /* Purpose  clocks, pins, watchdog; the pace begins.   Output  0; -1: a clock does not start. */
 int board_start(void);
 

@@ -41,6 +41,9 @@ static void collect(cr_servo *servo, uint64_t until_ns) {
             cr_servo_rx(servo, &frame);
         }
         waiting = board_now_ns() < until_ns && !cr_servo_get_status(servo).ready;
+        if (waiting) {
+            can_wait();
+        }
     }
     cr_servo_rx_drops(servo, can_lost());
     if (can_was_off()) {
@@ -66,7 +69,7 @@ static void run_period(cr_servo *servo, const cr_servo_config *config, uint64_t 
 
 int main(void) {
     static cr_servo_config config;
-    config = cr_servo_config_default();
+    config = board_settings();
     cr_servo *servo = make_servo(&config);
     uint64_t last_ns = 0u;
     if (servo == NULL || board_start() != 0 || can_start() != 0) {

@@ -44,6 +44,12 @@ build/m7/scene.o: $(CORTEX)/scene.S $(SCENE)
 build/m7/controller.elf: $(CONTROLLER_C:%.c=build/m7/%.o) build/m7/scene.o build/m7/libcrease.a $(CORTEX)/stm32h743.ld $(CORTEX)/sections.ld
 	@$(ARM)gcc $(CPU_m7) $(CORTEX_FLAGS) $(CORTEX_LINK) -T stm32h743.ld $(filter %.o %.a,$^) -o $@
 
+# The same loop on the emulator's board, for hil-m7. The scene is loaded from outside.
+LOOP_C := $(addprefix $(CORTEX)/,startup.c controller.c an500.c slcan.c semihost.c)
+
+build/m7/loop.elf: $(LOOP_C:%.c=build/m7/%.o) build/m7/libcrease.a $(CORTEX)/mps2-an500.ld $(CORTEX)/sections.ld
+	@$(ARM)gcc $(CPU_m7) $(CORTEX_FLAGS) $(CORTEX_LINK) -T mps2-an500.ld $(filter %.o %.a,$^) -o $@
+
 # Not in APT: 1 GB that only the device images and their checks need.
 build/.device: FORCE
 	$(call APT_INSTALL,$(APT_DEVICE))
@@ -57,3 +63,8 @@ firmware-m7 firmware-m4f firmware-m55: firmware-%:
 
 check-device: build/.host build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
 	@cd tests/device && $(abspath $(PY)) check.py $(if $(LONG),--long)
+
+# In User-Mode Linux also where this kernel has vcan0: only there the time is virtual.
+hil-m7: build/.host build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: half a minute
+	@tests/hil/lab/build-kernel
+	$(PY) tests/hil/m7.py

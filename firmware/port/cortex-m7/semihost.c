@@ -23,7 +23,7 @@ _Noreturn void board_stop(uint32_t why) {
     }
 }
 
-/* The emulated boards keep no pace. */
+/* Never taken: replays keep no pace, and an500.c masks it. */
 void board_systick(void) {}
 
 void semihost_print(const char *text) { ask(SYS_WRITE0, text); }

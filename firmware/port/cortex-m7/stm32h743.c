@@ -141,6 +141,8 @@ int board_start(void) {
     return 0;
 }
 
+cr_servo_config board_settings(void) { return cr_servo_config_default(); }
+
 uint32_t board_wait_period(void) {
     __asm volatile("cpsid i" ::: "memory"); /* wfi wakes all the same, and no exception slips in before it */
     while (periods == taken) {
@@ -191,6 +193,8 @@ int can_start(void) {
 
 int can_send(const cr_frame *frame) { return fdcan_send(&bus, frame); }
 int can_receive(cr_frame *frame) { return fdcan_receive(&bus, frame); }
+/* The loop looks again at once: it has nothing else to do, and no interrupt of the controller is on. */
+void can_wait(void) {}
 int can_was_off(void) { return fdcan_was_off(&bus); }
 uint32_t can_lost(void) { return bus.lost; }
 void can_stop(void) { fdcan_stop(&bus); }
