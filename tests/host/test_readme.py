@@ -49,14 +49,15 @@ def test_marked_commands_run_as_written(work: Path) -> None:
 
 
 def test_every_make_target_in_the_readme_exists() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    files = ("Makefile", "firmware/port/cortex-m7/device.mk")
+    makefile = "\n".join((ROOT / name).read_text(encoding="utf-8") for name in files)
     named = set(
         re.findall(
-            r"\bmake ([a-z][a-z-]*)", "\n".join([*BLOCKS, *re.findall(r"`([^`\n]+)`", TEXT)])
+            r"\bmake ([a-z][a-z0-9-]*)", "\n".join([*BLOCKS, *re.findall(r"`([^`\n]+)`", TEXT)])
         )
     )
     assert named
-    assert named <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    assert named <= set(re.findall(r"^([a-z0-9-]+):", makefile, re.MULTILINE))
 
 
 def test_every_link_in_the_readme_leads_somewhere() -> None:
