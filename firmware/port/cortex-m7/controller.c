@@ -1,7 +1,7 @@
 /* controller: the device without an operating system. One loop, 1 kHz, paced by the board; no interrupt but its clock.
  *
- * Each period: SYNC, the drives' answers, the tick, its frames. The answer to SYNC k acts from SYNC k + 1 on, as on Linux. The wrist
- * has no encoders on this board and stands straight, as `fixed_deg` of device.toml has it on Linux. */
+ * Each period: SYNC, the drives' answers, the tick, its frames. The answer to SYNC k acts from SYNC k + 1 on, as on Linux.
+ * The wrist's angles come over the bus too, from drive Z. */
 #include "board.h"
 #include "can.h"
 
