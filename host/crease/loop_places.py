@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,7 @@ F64 = npt.NDArray[np.float64]
 
 PAD_RADIUS_M = 0.08
 BLOCK_M = 0.16
+BALL_RADIUS_M = 0.015
 PRESS_N = {LIGHT_GRIP: 2.0, NORMAL_GRIP: 3.0}
 """Half of what the hand can hold sideways on a corner, and no more than a hand presses for long."""
 
@@ -29,13 +31,15 @@ PRESS_N = {LIGHT_GRIP: 2.0, NORMAL_GRIP: 3.0}
 class Case:
     """A place, how the device stands there, and the direction of the force in the device.
 
-    flat: the name of the flat wall with the same direction, that a crease is compared with.
+    flat: the name of the flat wall with the same direction, that a crease is compared with. groove: it is in
+    groove_scene, not in pad_scene.
     """
 
     place: Place
     base_from_world: Quaternion
     direction: tuple[float, float, float]
     flat: str
+    groove: bool = False
 
 
 def _unit(*vector: float) -> F64:
@@ -86,28 +90,70 @@ def pad_scene(folder: Path, spacing_m: float = 0.4e-3) -> Scene:
     """
     import trimesh
 
+    radius_mm, half_mm, back_mm = 1e3 * PAD_RADIUS_M, 10.0, 4.0
+    angle = np.linspace(0.0, np.arcsin(half_mm / radius_mm), 24)
+    cap = radius_mm * np.column_stack([np.sin(angle), -np.cos(angle)])
+    top = cap[-1, 1] + back_mm
+    profile = np.vstack([cap, [half_mm, top], [0.0, top]])
+    pad = trimesh.creation.revolve(profile, sections=72)
+    block = trimesh.creation.box(bounds=[[-1e3 * BLOCK_M] * 3, [0.0] * 3])
+    return _bake(folder, f"pad_{1e6 * spacing_m:.0f}um", {"block": block, "pad": pad}, spacing_m)
+
+
+def _bake(folder: Path, name: str, meshes_mm: dict[str, Any], spacing_m: float) -> Scene:
+    """The image of two meshes, static first; kept while it is newer than what makes it."""
     from crease.bake import BakeOptions, bake_scene
     from crease.mesh import load_mesh
     from crease.table import write_bytes
 
-    image = folder / f"pad_{1e6 * spacing_m:.0f}um.crs"
+    image = folder / f"{name}.crs"
     package = Path(__file__).parent
     made_by = [Path(_native.__file__), Path(__file__), *package.glob("bake/*.py")]
     newest_s = max(part.stat().st_mtime for part in made_by)
     if not image.exists() or image.stat().st_mtime < newest_s:
         folder.mkdir(parents=True, exist_ok=True)
-        radius_mm, half_mm, back_mm = 1e3 * PAD_RADIUS_M, 10.0, 4.0
-        angle = np.linspace(0.0, np.arcsin(half_mm / radius_mm), 24)
-        cap = radius_mm * np.column_stack([np.sin(angle), -np.cos(angle)])
-        top = cap[-1, 1] + back_mm
-        profile = np.vstack([cap, [half_mm, top], [0.0, top]])
-        trimesh.creation.revolve(profile, sections=72).export(folder / "pad.stl")
-        block_mm = 1e3 * BLOCK_M
-        trimesh.creation.box(bounds=[[-block_mm] * 3, [0.0] * 3]).export(folder / "block.stl")
-        block, pad = (load_mesh(folder / f"{name}.stl", 1e-3) for name in ("block", "pad"))
+        for part, mesh in meshes_mm.items():
+            mesh.export(folder / f"{part}.stl")
+        static, tool = (load_mesh(folder / f"{part}.stl", 1e-3) for part in meshes_mm)
         options = BakeOptions(voxel_m=2e-3, spacing_m=spacing_m)
-        write_bytes(image, bake_scene(block, pad, options, lambda _label, _part: None).image)
+        write_bytes(image, bake_scene(static, tool, options, lambda _label, _part: None).image)
     return open_scene(image)
+
+
+def groove_case() -> Case:
+    """A ball at the bottom of a groove with walls at 45 degrees, that it touches both."""
+    touch_m = (0.0, 0.0, float(np.sqrt(2.0)) * BALL_RADIUS_M)
+    place = Place("groove", touch_m, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    return Case(place, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0), "flat along Z", groove=True)
+
+
+def groove_scene(folder: Path, spacing_m: float = 0.4e-3) -> Scene:
+    """Bake the groove and the ball into `folder`, unless the image is there.   Cost: 10 s, once."""
+    import trimesh
+
+    profile_mm = np.array([[0, 0], [-40, 40], [-40, -40], [40, -40], [40, 40]], dtype=np.float64)
+    count = len(profile_mm)
+    ends = [
+        np.column_stack([profile_mm[:, 0], np.full(count, y), profile_mm[:, 1]])
+        for y in (-40.0, 40.0)
+    ]
+    fan = np.array([[0, i, i + 1] for i in range(1, count - 1)])
+    ring = np.arange(count)
+    after = np.roll(ring, -1)
+    sides = np.vstack(
+        [
+            np.column_stack([ring, after, after + count]),
+            np.column_stack([ring, after + count, ring + count]),
+        ]
+    )
+    groove = trimesh.Trimesh(
+        np.vstack(ends), np.vstack([fan, fan[:, ::-1] + count, sides[:, ::-1]])
+    )
+    trimesh.repair.fix_normals(groove)
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=1e3 * BALL_RADIUS_M)
+    return _bake(
+        folder, f"groove_{1e6 * spacing_m:.0f}um", {"groove": groove, "ball": ball}, spacing_m
+    )
 
 
 def press_N(hand: Hand) -> float:

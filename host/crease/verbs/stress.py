@@ -45,6 +45,14 @@ def add_parser(sub: SubParsers) -> None:
         "--drift", metavar="TICKS", type=whole, default=DRIFT_TICKS,
         help="length of the two runs on quaternion drift (ten million)",
     )  # fmt: skip
+    parser.add_argument(
+        "--closed-loop", action="store_true",
+        help="instead: the largest stiffness that settles, over damping, delay and hand, for several responses on a "
+        "wall, an edge, a corner and in a groove; CSV and figure (an hour of processor time)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--quick", action="store_true", help="with --closed-loop: two responses, one loop"
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -60,6 +68,9 @@ def run(args: argparse.Namespace) -> None:
     from crease.stress.drift import run_drift
     from crease.table import write_bytes
 
+    if args.closed_loop:
+        _closed_loop(args)
+        return
     start_s = time.monotonic()
     settings = Settings(args.seed, args.cases, args.per_chunk, args.scenes)
     with Progress() as progress:
@@ -83,6 +94,31 @@ def run(args: argparse.Namespace) -> None:
             f"{len(violations)} of {summary['cases']:,} cases and {failed} of {len(drifts)} drift runs found a "
             f"violation; see {args.output / SUMMARY}"
         )
+
+
+def _closed_loop(args: argparse.Namespace) -> None:
+    from dataclasses import asdict
+
+    from crease.progress import Progress
+    from crease.stress.closed_loop import run_map
+
+    args.output.mkdir(parents=True, exist_ok=True)
+    with Progress() as progress:
+        cells = run_map(args.output, args.jobs, args.quick, lambda part: progress("loop", part))
+    if args.json:
+        print_json({"cells": [asdict(cell) for cell in cells]})
+        return
+    print_lines(
+        [
+            (
+                f"{c.response}, {c.place}",
+                f"{c.hand} hand, {c.delay_ms:g} ms, {c.damping_Ns_m:g} N s/m: {c.largest_N_m:.0f} N/m, "
+                f"{c.largest_N_m / c.bound_N_m:.2f} of the bound",
+            )
+            for c in cells
+        ]
+    )
+    print(f"{args.output / 'closed_loop.png'}")
 
 
 def _tell(summary: dict[str, Any], folder: Path) -> None:
