@@ -38,6 +38,8 @@ $(foreach variant,m7 m4f m55,$(eval $(call CORTEX_VARIANT,$(variant))))
 # The device: an STM32H743. SCENE is the image beside its code.
 SCENE ?= build/scenes/edge90_cube.crs
 
+build/scenes/%.crs: | build/scenes/.stamp ;
+
 build/m7/scene.o: $(CORTEX)/scene.S $(SCENE)
 	@$(ARM)gcc $(CPU_m7) -mthumb '-DSCENE_FILE="$(SCENE)"' -c $< -o $@
 

@@ -81,7 +81,7 @@ def work(job: Job) -> Cell:
     scene = (groove_scene if job.case.groove else pad_scene)(job.folder)
     bound = bound_N_m(setup, job.case.direction)
     largest = stable_stiffness_N_m(
-        scene, setup, job.case.place, press_N(hand), 0.25 * bound, 4.0 * bound
+        scene, setup, job.case.place, press_N(hand), 0.5 * bound, 4.0 * bound
     )
     delay_ms = 1e3 * (PERIOD_S if job.delay_s is None else job.delay_s)
     return Cell(
