@@ -220,7 +220,7 @@ static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_clu
     float coverage[CR_LANES];
     cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, world, at, coverage);
     const cr_lanes3 middle = *world;
-    for (int step = 0; step < FACE_STEPS; step++) {
+    for (int step = 0; step < FACE_STEPS && lanes != 0u; step++) {
         for (uint32_t left = lanes; left != 0u;) {
             int i = take_lane(&left);
             cr_vec3 p = slide_on_face(c, at, in->world_from_tool, i, lane_of(&middle, i), lane_of(world, i));
@@ -232,6 +232,8 @@ static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_clu
         for (uint32_t left = lanes; left != 0u;) {
             int i = take_lane(&left);
             best = min_f(best, height_on_face(in, c, d, at, i, lane_of(world, i), coverage[i]));
+            /* Deep enough to count in full: there is no further to go. */
+            lanes &= at->phi_m[i] > -0.8f * FACE_AIM * c->ramp[i] ? lanes : ~(1u << i);
         }
     }
     return best;
