@@ -25,10 +25,10 @@
 #error "CR_TREE_DEPTH_MAX: 2..8 levels"
 #endif
 
-/* Clusters in contact that one tick may keep. 544 clusters are 8,704 points: at 2 mm spacing a patch of 186 x 186 mm. With more, servo and world would exceed 64 KiB.
- * What does not fit is left out and counted in stats.clusters_dropped. */
+/* Clusters in contact that one tick may keep. 528 clusters are 8,448 points: at 2 mm spacing a patch of 183 x 183 mm. With
+ * more, servo and world would exceed 64 KiB. What does not fit is left out and counted in stats.clusters_dropped. */
 #ifndef CR_CLUSTERS_MAX
-#define CR_CLUSTERS_MAX 544
+#define CR_CLUSTERS_MAX 528
 #endif
 #if CR_CLUSTERS_MAX < 16 || CR_CLUSTERS_MAX > 65535
 #error "CR_CLUSTERS_MAX: 16..65535 clusters"
@@ -42,13 +42,22 @@
 #error "CR_TOUCHES_MAX: 16..65535 touches"
 #endif
 
-/* Groups plus clusters that one tick may evaluate: the hard bound on work. 2048 kernels of 16 lanes cost about 0.1 ms
- * on a desktop core. Beyond it clusters count by their centre only (stats.clusters_coarse). */
-#ifndef CR_KERNELS_MAX
-#define CR_KERNELS_MAX 2048
+/* Lookups of 16 points with which a tick searches for contact, unless cr_config says otherwise. They take about 0.1 ms on a desktop
+ * core. A search that needs more goes on in the next tick (stats.late_ticks). */
+#ifndef CR_LOOKUPS_MAX
+#define CR_LOOKUPS_MAX 2048
 #endif
-#if CR_KERNELS_MAX < 64 || CR_KERNELS_MAX > 1048576
-#error "CR_KERNELS_MAX: 64..1048576 kernels"
+#if CR_LOOKUPS_MAX < 32 || CR_LOOKUPS_MAX > 1048576
+#error "CR_LOOKUPS_MAX: 32..1048576 lookups"
+#endif
+
+/* Ticks that a search may take. A hand moves some millimetres in that time: an older pose says little about this one. What was not seen
+ * by then is left out and counted in stats.clusters_dropped. */
+#ifndef CR_SEARCH_TICKS_MAX
+#define CR_SEARCH_TICKS_MAX 32
+#endif
+#if CR_SEARCH_TICKS_MAX < 1 || CR_SEARCH_TICKS_MAX > 1000
+#error "CR_SEARCH_TICKS_MAX: 1..1000 ticks"
 #endif
 
 /* Contact areas reported and answered. Further areas are merged into the nearest kept one, and counted. */

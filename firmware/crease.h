@@ -122,9 +122,10 @@ typedef struct {
     uint32_t coverage;      /* cr_coverage */
     uint32_t skip;          /* CR_SKIP_* bits */
     uint32_t vertices_only; /* 1: only tool mesh vertices measure depth, as [1] does; 0: all samples */
+    uint32_t lookups_max; /* 32..1048576 lookups of 16 points in a tick: a search that needs more takes several ticks */
 } cr_config;
 
-/* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, zones, soft, all skips. */
+/* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, zones, soft, all skips, CR_LOOKUPS_MAX. */
 cr_config cr_config_default(void);
 
 /* One contact zone of an area: what of a smooth piece of the static surface is touched. */
@@ -158,8 +159,8 @@ typedef struct {
     uint32_t clusters;         /* clusters in contact */
     uint32_t clusters_inside;  /* of these, taken whole without looking at their points */
     uint32_t nodes_coherent;   /* spheres not looked at thanks to temporal coherence */
-    uint32_t clusters_coarse;  /* clusters counted by centre only: work bound reached */
-    uint32_t clusters_dropped; /* clusters in contact beyond CR_CLUSTERS_MAX */
+    uint32_t late_ticks;       /* age of the pose whose contact is answered; 0: this tick's */
+    uint32_t clusters_dropped; /* clusters in contact beyond CR_CLUSTERS_MAX, or not seen after CR_SEARCH_TICKS_MAX */
     uint32_t touches_dropped;  /* beyond CR_TOUCHES_MAX */
     uint32_t areas_merged;     /* beyond CR_AREAS_MAX */
     uint32_t zones_dropped;    /* beyond CR_ZONES_MAX */
@@ -196,7 +197,7 @@ size_t cr_world_size(const cr_scene *scene, const cr_config *config);
  * Output   *world points into memory.   Errors  NULL, ALIGN, SIZE, CONFIG. */
 cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr_scene *scene, const cr_config *config);
 
-/* Purpose  change settings between ticks; state is kept.   Errors  CONFIG: nothing changed. */
+/* Purpose  change settings between ticks; state is kept, a search for contact begins anew.   Errors  CONFIG: nothing changed. */
 cr_err cr_world_configure(cr_world *world, const cr_config *config);
 
 /* Purpose  forget motion history (next tick has zero velocity) and clear latched faults. */
@@ -204,7 +205,9 @@ void cr_world_clear_fault(cr_world *world);
 
 /* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
  * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
- * Errors   none: see faults and stats.   Cost  bounded by CR_KERNELS_MAX; typical figures in README.md. */
+ * Late     a search for contact that needs more than lookups_max is made over several ticks, from the pose it began with. Meanwhile
+ *          the last areas are answered: their planes stay, their points move with the tool, zones are not reported.
+ * Errors   none: see faults and stats.   Cost  bounded by lookups_max and the capacities; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
 
 #ifdef __cplusplus

@@ -2,11 +2,15 @@
  *
  * Four levels of skipping, each conservative (DESIGN.md "Detect"): the whole tool against the top level, the sphere tree,
  * temporal coherence, and whole clusters that are certainly inside. Coverage is exactly 0 or 1 wherever a skip applies, so the
- * sums are the same to the bit with any of them switched off. */
+ * sums are the same to the bit with any of them switched off.
+ *
+ * A search that needs more lookups than a tick may make stops between two of them, and goes on where it stopped. */
 #include "stages.h"
 
 /* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
 #define ROUNDING_M 2e-6f
+/* Most lookups of one step of the traversal: a group of leaves, and each of its clusters. */
+#define STEP_LOOKUPS (1u + CR_LANES)
 /* Odometers are rebased here: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
@@ -43,21 +47,17 @@ typedef struct {
     const xform *pose;
     const cr_detect_options *options;
     cr_motion *motion;
+    cr_search *search;
     cr_contact_set *set;
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
     float per_crease;  /* 1 / crease_m */
-    uint32_t kernels;
+    uint32_t lookups;
 } walk;
 
-/* Leaf spheres waiting for a look, in cluster order: lanes of several groups share one lookup. */
+/* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
 typedef struct {
-    uint32_t count;
-    uint32_t cluster[CR_LANES];
-    uint32_t slot[CR_LANES]; /* index into motion->wake_m */
-    float x[CR_LANES], y[CR_LANES], z[CR_LANES];
-    float radius[CR_LANES], margin[CR_LANES], rho[CR_LANES];
     cr_lanes3 world;
     cr_lookup centres;
 } batch;
@@ -200,31 +200,6 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
         touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
     }
-}
-
-/* Work bound reached: the cluster counts by the coverage of its bounding sphere. */
-static void take_coarse(walk *w, uint32_t cluster, float phi_m, float radius_m) {
-    float part = clamp_f(0.5f - 0.5f * phi_m / max_f(radius_m, 1e-9f), 0.0f, 1.0f);
-    w->stats->clusters_coarse++;
-    cr_hit *hit = part > 0.0f ? add_hit(w, cluster) : NULL;
-    if (hit == NULL) {
-        return;
-    }
-    const struct cr_img_sum *s = &w->scene->sums[cluster];
-    hit->covered = 0xffffu;
-    hit->inside = phi_m <= 0.0f ? 0xffffu : 0u;
-    hit->near = 0u;
-    hit->whole = 0u;
-    hit->sum = *s;
-    hit->sum.peak = part;
-    hit->sum.ax *= part;
-    hit->sum.ay *= part;
-    hit->sum.az *= part;
-    hit->sum.px *= part;
-    hit->sum.py *= part;
-    hit->sum.pz *= part;
-    hit->sum.area *= part;
-    w->stats->clusters++;
 }
 
 /* Smallest distance that any of 16 points still has to go before it is covered. */
@@ -387,11 +362,12 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
 }
 
 /* One leaf sphere that was looked at: free, whole, or to be looked at point by point. */
-static void visit_cluster(walk *w, const batch *b, int lane) {
-    float phi = b->centres.phi_m[lane], reach = b->radius[lane] + b->margin[lane];
-    uint32_t cluster = b->cluster[lane];
-    float moved = w->motion->slide_m + w->motion->turn_rad * b->rho[lane];
-    float *wake = &w->motion->wake_m[b->slot[lane]];
+static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
+    const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
+    const uint32_t child = slot % CR_LANES, cluster = g->child[child];
+    float phi = b->centres.phi_m[lane], reach = g->radius[child] + g->margin[child];
+    float moved = w->motion->slide_m + w->motion->turn_rad * g->rho[child];
+    float *wake = &w->motion->wake_m[slot];
     if (w->options->skip & CR_SKIP_TREE) {
         float clearance = phi - reach - w->slack_out_m;
         if (clearance > 0.0f) {
@@ -404,48 +380,42 @@ static void visit_cluster(walk *w, const batch *b, int lane) {
             return;
         }
     }
-    if (w->kernels >= CR_KERNELS_MAX) {
-        take_coarse(w, cluster, phi, b->radius[lane]);
-        return;
-    }
-    w->kernels++;
+    w->lookups++;
     *wake = moved + look_at_points(w, cluster, b, lane) * 0.999999f;
 }
 
-static void flush_batch(walk *w, batch *b) {
-    if (b->count == 0u) {
+/* Look at the leaf spheres that wait, in cluster order. */
+static void look_at_waiting(walk *w) {
+    cr_search *s = w->search;
+    const uint32_t count = s->waiting;
+    cr_lanes3 tool;
+    batch b;
+    if (count == 0u) {
         return;
     }
-    for (uint32_t i = b->count; i < CR_LANES; i++) {
-        b->x[i] = b->x[0];
-        b->y[i] = b->y[0];
-        b->z[i] = b->z[0];
+    for (uint32_t i = 0; i < CR_LANES; i++) {
+        const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
+        const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
+        tool.x[i] = g->x[lane];
+        tool.y[i] = g->y[lane];
+        tool.z[i] = g->z[lane];
     }
-    w->kernels++;
-    w->stats->nodes += b->count;
-    cr_lanes_to_world(w->pose, b->x, b->y, b->z, &b->world);
-    cr_field_look_up_lanes(w->field, &b->world, (1u << b->count) - 1u, &b->centres);
-    for (uint32_t i = 0; i < b->count; i++) {
-        visit_cluster(w, b, (int)i);
+    w->lookups++;
+    w->stats->nodes += count;
+    cr_lanes_to_world(w->pose, tool.x, tool.y, tool.z, &b.world);
+    cr_field_look_up_lanes(w->field, &b.world, (1u << count) - 1u, &b.centres);
+    for (uint32_t i = 0; i < count; i++) {
+        visit_cluster(w, s->slot[i], &b, (int)i);
     }
-    b->count = 0u;
+    s->waiting = 0u;
 }
 
-static void add_to_batch(walk *w, batch *b, uint32_t group, uint32_t lanes) {
-    const struct cr_img_group *g = &w->scene->groups[group];
+static void let_wait(walk *w, uint32_t group, uint32_t lanes) {
+    cr_search *s = w->search;
     while (lanes != 0u) {
-        int lane = take_lane(&lanes);
-        uint32_t at = b->count++;
-        b->cluster[at] = g->child[lane];
-        b->slot[at] = group * CR_LANES + (uint32_t)lane;
-        b->x[at] = g->x[lane];
-        b->y[at] = g->y[lane];
-        b->z[at] = g->z[lane];
-        b->radius[at] = g->radius[lane];
-        b->margin[at] = g->margin[lane];
-        b->rho[at] = g->rho[lane];
-        if (b->count == CR_LANES) {
-            flush_batch(w, b);
+        s->slot[s->waiting++] = group * CR_LANES + (uint32_t)take_lane(&lanes);
+        if (s->waiting == CR_LANES) {
+            look_at_waiting(w);
         }
     }
 }
@@ -459,7 +429,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     cr_lanes3 world;
     cr_lookup centres;
     float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
-    w->kernels++;
+    w->lookups++;
     w->stats->nodes += count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     cr_field_look_up_lanes(w->field, &world, lanes, &centres);
@@ -474,24 +444,37 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     return lanes;
 }
 
-/* What is left to do in one group on the way down. */
-typedef struct {
-    uint32_t group, lanes;
-} level;
-
-static level enter_group(walk *w, batch *b, uint32_t group) {
+/* One level down: the lanes of a group that are left to descend into; leaves wait for their look. */
+static void enter_group(walk *w, uint32_t group) {
     const struct cr_img_group *g = &w->scene->groups[group];
-    level v = {group, find_awake(w, g, group)};
+    cr_search_level *level = &w->search->stack[w->search->depth++];
+    uint32_t lanes = find_awake(w, g, group);
+    level->group = group;
+    level->lanes = 0u;
     if (g->leaf) {
-        add_to_batch(w, b, group, v.lanes);
-        v.lanes = 0u;
-    } else if (w->kernels >= 2u * CR_KERNELS_MAX) {
-        w->stats->clusters_dropped += count_lanes(v.lanes);
-        v.lanes = 0u;
+        let_wait(w, group, lanes);
     } else {
-        v.lanes = find_open(w, group, v.lanes);
+        level->lanes = find_open(w, group, lanes);
     }
-    return v;
+}
+
+/* Go on until nothing is left, or the next step might be one too many. Returns whether nothing is left. */
+static int descend(walk *w, uint32_t lookups_max) {
+    cr_search *s = w->search;
+    while (s->depth > 0u && w->lookups + STEP_LOOKUPS <= lookups_max) {
+        cr_search_level *level = &s->stack[s->depth - 1u];
+        if (level->lanes == 0u) {
+            s->depth--;
+        } else {
+            const int lane = take_lane(&level->lanes);
+            enter_group(w, w->scene->groups[level->group].child[lane]);
+        }
+    }
+    if (s->depth > 0u || w->lookups + STEP_LOOKUPS > lookups_max) {
+        return 0;
+    }
+    look_at_waiting(w);
+    return 1;
 }
 
 static int tool_is_free(walk *w) {
@@ -507,7 +490,7 @@ static int tool_is_free(walk *w) {
     cr_vec3 c = xform_point(w->pose, v3_from(m->root_centre_m));
     cr_lanes3 p;
     cr_lookup at;
-    for (int i = 0; i < CR_LANES; i++) {
+    for (int i = 0; i < (CR_SCALAR ? 1 : CR_LANES); i++) {
         p.x[i] = c.x;
         p.y[i] = c.y;
         p.z[i] = c.z;
@@ -519,32 +502,37 @@ static int tool_is_free(walk *w) {
     return clearance > 0.0f;
 }
 
-void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
-               cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u};
+/* The pose of this search has become too old: what was not seen is left out. */
+static void give_up(walk *w) {
+    cr_search *s = w->search;
+    w->stats->clusters_dropped += s->waiting;
+    for (uint32_t i = 0; i < s->depth; i++) {
+        w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
+    }
+    s->depth = s->waiting = 0u;
+}
+
+int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
+              cr_search *search, cr_contact_set *set, cr_stats *stats) {
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f, 0u};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
     w.per_crease = 1.0f / max_f(field->scene->meta->crease_m, 1e-9f);
-    set->hit_count = 0u;
-    set->touch_count = 0u;
-    if (tool_is_free(&w)) {
-        return;
-    }
-    level stack[CR_TREE_DEPTH_MAX];
-    batch b;
-    int depth = 0;
-    b.count = 0u;
-    stack[0] = enter_group(&w, &b, 0u);
-    while (depth >= 0) {
-        level *v = &stack[depth];
-        if (v->lanes == 0u) {
-            depth--;
-            continue;
+    if (!search->open) {
+        search->depth = search->waiting = search->calls = 0u;
+        set->hit_count = 0u;
+        set->touch_count = 0u;
+        if (tool_is_free(&w)) {
+            return 1;
         }
-        int lane = take_lane(&v->lanes);
-        depth++;
-        stack[depth] = enter_group(&w, &b, w.scene->groups[v->group].child[lane]);
+        enter_group(&w, 0u);
     }
-    flush_batch(&w, &b);
+    search->open = !descend(&w, options->lookups_max);
+    search->calls++;
+    if (search->open && search->calls >= CR_SEARCH_TICKS_MAX) {
+        give_up(&w);
+        search->open = 0u;
+    }
+    return !search->open;
 }

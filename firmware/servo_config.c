@@ -156,6 +156,9 @@ static const char *world_error(const cr_config *w) {
         (w->skip & ~(uint32_t)CR_SKIP_ALL) != 0u || w->vertices_only > 1u) {
         return "response, coverage, skip, vertices_only: a value that this version knows";
     }
+    if (w->lookups_max < 32u || w->lookups_max > 1048576u) {
+        return "lookups_max: 32..1048576";
+    }
     return NULL;
 }
 

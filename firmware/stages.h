@@ -101,7 +101,7 @@ void cr_sum_cluster(const struct cr_img_cluster *cluster, const float *w, struct
 typedef struct {
     float slide_m;  /* sum of |translation of the tool origin| */
     float turn_rad; /* sum of 2 |change of the quaternion|: turn * rho bounds the motion of a point at rho */
-    cr_pose last;
+    cr_pose last;   /* where the last search began */
     uint32_t valid;
     float root_wake_m;
     float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */
@@ -109,21 +109,37 @@ typedef struct {
 } cr_motion;
 
 typedef struct {
-    uint32_t skip;     /* CR_SKIP_* */
-    uint32_t coverage; /* cr_coverage */
+    uint32_t skip;        /* CR_SKIP_* */
+    uint32_t coverage;    /* cr_coverage */
+    uint32_t lookups_max; /* of 16 points in one call */
 } cr_detect_options;
+
+/* A group of the tree on the way down, and which of its children are still to be seen. */
+typedef struct {
+    uint32_t group, lanes;
+} cr_search_level;
+
+/* Where a search stands between two ticks. */
+typedef struct {
+    uint32_t open;  /* 1: begun and not at its end */
+    uint32_t calls; /* that it has taken so far */
+    uint32_t depth; /* levels in use */
+    cr_search_level stack[CR_TREE_DEPTH_MAX];
+    uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
+    uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
+} cr_search;
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
 void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
 /* Purpose  the clusters of the shell that reach into the static object, in ascending order, one hit for each connected set of
- *          covered lanes, with their coverage sums and
- *          the surfaces they touch.
- * Output   *set; the same to the bit for every subset of options->skip.
+ *          covered lanes, with their coverage sums and the surfaces they touch.
+ * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
+ *          again with the same pose and the same motion until it is 1, at most CR_SEARCH_TICKS_MAX times.
  * Errors   none: capacities are counted in stats.
- * Cost     at most CR_KERNELS_MAX lookups of 16 lanes.   Source  DESIGN.md "Detect" [2][3]. */
-void cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
-               cr_contact_set *set, cr_stats *stats);
+ * Cost     at most options->lookups_max lookups of 16 lanes.   Source  DESIGN.md "Detect" [2][3]. */
+int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
+              cr_search *search, cr_contact_set *set, cr_stats *stats);
 
 /* Surface state of a zone that respond needs and the report does not. */
 typedef struct {

@@ -6,6 +6,14 @@
 #define POSITION_MAX_M 1e4f
 #define QUATERNION_TOLERANCE 0.01f
 #define DISPLAY_SWEEPS 16
+#define LOOKUPS_LEAST 32u
+#define LOOKUPS_MOST 1048576u
+
+/* What later ticks need of an area that was answered. */
+typedef struct {
+    cr_vec3 normal_world, point_world_m;
+    float depth_m, offset_m, area_m2;
+} held_area;
 
 struct cr_world {
     cr_scene scene;
@@ -16,6 +24,14 @@ struct cr_world {
     uint32_t has_previous;
     uint32_t faults;
     uint16_t *hit_of_cluster;
+    /* The search for contact, and how many ticks ago it began, at motion.last. */
+    cr_search search;
+    uint32_t searched_age;
+    uint32_t found; /* 1: at its end, to be answered in the next tick */
+    /* The last answer, at the pose it is true for. */
+    cr_pose held_at;
+    uint32_t held_age, held_count;
+    held_area held[CR_AREAS_MAX];
 #ifdef CR_RIVALS
     cr_proxy proxy;
 #endif
@@ -24,7 +40,7 @@ struct cr_world {
 };
 
 cr_config cr_config_default(void) {
-    cr_config c = {1000.0f, 0.0f, 100.0f, CR_RESPONSE_ZONES, CR_COVERAGE_SOFT, CR_SKIP_ALL, 0u};
+    cr_config c = {1000.0f, 0.0f, 100.0f, CR_RESPONSE_ZONES, CR_COVERAGE_SOFT, CR_SKIP_ALL, 0u, CR_LOOKUPS_MAX};
     return c;
 }
 
@@ -33,7 +49,8 @@ static int in_range(float v, float low, float high) { return v >= low && v <= hi
 static int config_is_valid(const cr_config *c) {
     return in_range(c->stiffness_N_m, 0.0f, 1e6f) && in_range(c->damping_Ns_m, 0.0f, 1e4f) &&
            in_range(c->force_max_N, 1e-6f, 1e6f) && c->response < CR_RESPONSE_COUNT &&
-           c->coverage <= CR_COVERAGE_HARD && (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u;
+           c->coverage <= CR_COVERAGE_HARD && (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u &&
+           c->lookups_max >= LOOKUPS_LEAST && c->lookups_max <= LOOKUPS_MOST;
 }
 
 static size_t round_up(size_t n) { return (n + CR_IMG_ALIGN - 1u) / CR_IMG_ALIGN * CR_IMG_ALIGN; }
@@ -79,6 +96,13 @@ cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr
     return CR_OK;
 }
 
+static void drop_search(cr_world *w) { w->search.open = w->found = 0u; }
+
+static void forget_contact(cr_world *w) {
+    drop_search(w);
+    w->held_count = w->held_age = 0u;
+}
+
 cr_err cr_world_configure(cr_world *world, const cr_config *config) {
     if (world == NULL || config == NULL) {
         return CR_ERR_NULL;
@@ -87,6 +111,7 @@ cr_err cr_world_configure(cr_world *world, const cr_config *config) {
         return CR_ERR_CONFIG;
     }
     world->config = *config;
+    drop_search(world);
 #ifdef CR_RIVALS
     world->proxy.held = 0u;
 #endif
@@ -99,6 +124,7 @@ void cr_world_clear_fault(cr_world *world) {
     world->faults = 0u;
     world->has_previous = 0u;
     world->motion.valid = 0u;
+    forget_contact(world);
 #ifdef CR_RIVALS
     world->proxy.held = 0u;
 #endif
@@ -207,14 +233,100 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     out->faults = w->faults;
 }
 
-static void answer(cr_world *w, const xform *now, float period_s, cr_output *out) {
-    cr_respond_input in = {.field = &w->field, .world_from_tool = now, .set = &w->set, .config = &w->config};
+/* Areas of the contact that was found, at the pose it was searched at; kept for ticks that come before the next answer. */
+static void answer_found(cr_world *w, const xform *at, cr_output *out) {
+    cr_respond_input in = {.field = &w->field, .world_from_tool = at, .set = &w->set, .config = &w->config};
 #ifdef CR_RIVALS
-    w->proxy.device_m = w->has_previous ? w->previous.pos_m : now->t;
+    w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
     in.proxy = &w->proxy;
 #endif
     cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
     out->area_count = cr_respond(&in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        const cr_area *a = &out->areas[i];
+        w->held[i] = (held_area){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
+    }
+    w->held_at = w->motion.last;
+}
+
+static void answer_held(const cr_world *w, cr_output *out) {
+    out->area_count = w->held_count;
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        const held_area *h = &w->held[i];
+        cr_area *a = &out->areas[i];
+        a->normal_world = h->normal_world;
+        a->point_world_m = h->point_world_m;
+        a->depth_m = h->depth_m;
+        a->offset_m = h->offset_m;
+        a->area_m2 = h->area_m2;
+        a->zone_count = 0u;
+    }
+}
+
+/* Areas of an earlier pose as they are felt at this one: the plane stays where it is, the point moves with the tool. */
+static void carry(const cr_pose *from, const xform *now, cr_output *out) {
+    const xform then = xform_from_pose(from);
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        cr_area *a = &out->areas[i];
+        cr_vec3 p_tool = xform_unrotate(&then, v3_sub(a->point_world_m, then.t));
+        cr_vec3 p = xform_point(now, p_tool);
+        a->depth_m = max_f(0.0f, a->depth_m - v3_dot(a->normal_world, v3_sub(p, a->point_world_m)));
+        a->point_world_m = p;
+    }
+}
+
+static void drop_proxy_in_free_space(cr_world *w) {
+#ifdef CR_RIVALS
+    w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
+#else
+    (void)w;
+#endif
+}
+
+/* Search on at the pose the search began with. Returns whether its end is to be answered now: when it took several ticks it is
+ * answered in a tick of its own, so that no tick pays for both. */
+static int search_on(cr_world *w, const xform *at, cr_stats *stats) {
+    if (w->found) {
+        w->found = 0u;
+        return 1;
+    }
+    const cr_detect_options options = {w->config.skip, w->config.coverage, w->config.lookups_max};
+    const int ended = cr_detect(&w->field, at, &options, &w->motion, &w->search, &w->set, stats);
+    w->found = ended && w->search.calls > 1u;
+    return ended && !w->found;
+}
+
+/* The areas that are felt at this pose: found now, or carried along from an earlier one. */
+static void find_areas(cr_world *w, const cr_pose *pose, const xform *now, cr_output *out) {
+    w->searched_age++;
+    w->held_age++;
+    if (!w->search.open && !w->found) {
+        w->searched_age = 0u;
+        cr_motion_advance(&w->motion, pose);
+    }
+    const xform *at = now;
+    xform then;
+    if (w->searched_age > 0u) {
+        then = xform_from_pose(&w->motion.last);
+        at = &then;
+    }
+    if (search_on(w, at, &out->stats)) {
+        if (w->set.hit_count > 0u) {
+            answer_found(w, at, out);
+        }
+        drop_proxy_in_free_space(w);
+        w->held_count = out->area_count;
+        w->held_age = w->searched_age;
+    } else {
+        answer_held(w, out);
+    }
+    out->stats.late_ticks = w->held_age;
+    if (w->held_age > 0u) {
+        carry(&w->held_at, now, out);
+    }
+}
+
+static void feel(cr_world *w, const xform *now, float period_s, cr_output *out) {
     for (uint32_t i = 0; i < out->area_count; i++) {
         push(w, now, period_s, &out->areas[i]);
     }
@@ -234,18 +346,14 @@ void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_out
         static const cr_pose origin = {{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}};
         out->display_pose = w->has_previous ? w->previous : origin;
         w->motion.valid = 0u;
+        forget_contact(w);
         return;
     }
     xform now = xform_from_pose(&pose);
-    cr_detect_options options = {w->config.skip, w->config.coverage};
     out->display_pose = pose;
-    cr_motion_advance(&w->motion, &pose);
-    cr_detect(&w->field, &now, &options, &w->motion, &w->set, &out->stats);
-#ifdef CR_RIVALS
-    w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
-#endif
-    if (w->set.hit_count > 0u) {
-        answer(w, &now, period_s, out);
+    find_areas(w, &pose, &now, out);
+    if (out->area_count > 0u) {
+        feel(w, &now, period_s, out);
     }
     w->previous = pose;
     w->has_previous = 1u;

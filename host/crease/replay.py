@@ -34,6 +34,7 @@ ROW = np.dtype(
         ("clusters", np.uint32),
         ("clusters_inside", np.uint32),
         ("nodes_coherent", np.uint32),
+        ("late_ticks", np.uint32),
         ("overflow", np.uint32),
         ("faults", np.uint32),
         ("tick_ns", np.uint32),
@@ -63,6 +64,7 @@ class ReplayOptions:
     force_max_N: float | None = None
     skip: int | None = None
     vertices_only: bool = False
+    lookups_max: int | None = None
 
 
 def make_config(options: ReplayOptions) -> Any:
@@ -77,6 +79,8 @@ def make_config(options: ReplayOptions) -> Any:
         config.force_max_N = options.force_max_N
     if options.skip is not None:
         config.skip = options.skip
+    if options.lookups_max is not None:
+        config.lookups_max = options.lookups_max
     return config
 
 

@@ -16,6 +16,7 @@ static uint64_t now_ns(void) {
 typedef struct {
     cr_field field;
     cr_motion motion;
+    cr_search search;
     cr_contact_set set, unmeasured;
     cr_area_set areas;
     cr_area answers[CR_AREAS_MAX];
@@ -38,14 +39,15 @@ static uint32_t since(uint64_t start_ns) { return (uint32_t)(now_ns() - start_ns
 
 static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, const cr_pose *pose,
                       cr_phases_row *row) {
-    const cr_detect_options options = {config->skip, config->coverage};
+    const cr_detect_options options = {config->skip, config->coverage, config->lookups_max};
     const xform now = xform_from_pose(pose);
     cr_respond_input in = {.field = &b->field, .world_from_tool = &now, .set = &b->set, .config = config};
     memset(&b->stats, 0, sizeof b->stats);
     memset(row, 0, sizeof *row);
     uint64_t start = now_ns();
     cr_motion_advance(&b->motion, pose);
-    cr_detect(&b->field, &now, &options, &b->motion, &b->set, &b->stats);
+    while (!cr_detect(&b->field, &now, &options, &b->motion, &b->search, &b->set, &b->stats)) {
+    }
     row->detect_ns = since(start);
     row->points = b->stats.points;
     row->nodes = b->stats.nodes;

@@ -28,8 +28,7 @@ static void store_vec3(float to[3], cr_vec3 from) {
 }
 
 static uint32_t overflow_of(const cr_stats *s) {
-    return s->clusters_coarse + s->clusters_dropped + s->touches_dropped + s->areas_merged + s->zones_dropped +
-           s->force_limited;
+    return s->clusters_dropped + s->touches_dropped + s->areas_merged + s->zones_dropped + s->force_limited;
 }
 
 static void store_output(cr_replay_row *row, const cr_output *out) {
@@ -50,6 +49,7 @@ static void store_output(cr_replay_row *row, const cr_output *out) {
     row->clusters = out->stats.clusters;
     row->clusters_inside = out->stats.clusters_inside;
     row->nodes_coherent = out->stats.nodes_coherent;
+    row->late_ticks = out->stats.late_ticks;
     row->overflow = overflow_of(&out->stats);
     row->faults = out->faults;
 }

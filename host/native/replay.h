@@ -21,7 +21,8 @@ typedef struct {
     float display_rot[4]; /* w x y z */
     uint32_t areas, zones, contacts, nodes, points;
     uint32_t clusters, clusters_inside, nodes_coherent;
-    uint32_t overflow; /* all drops and limits of the tick, summed: 0 when nothing was left out */
+    uint32_t late_ticks; /* age of the pose whose contact is answered */
+    uint32_t overflow;   /* all drops and limits of the tick, summed: 0 when nothing was left out */
     uint32_t faults;
     uint32_t tick_ns; /* wall time of cr_tick, with the cost of reading the clock once */
 } cr_replay_row;

@@ -53,7 +53,7 @@ int main(int argc, char **argv) {
             fprintf(stderr, "tick %zu: not finite or out of limits\n", i);
             return 1;
         }
-        touching += rows[i].clusters > 0;
+        touching += rows[i].areas > 0;
         over += rows[i].overflow > 0;
         most = fmaxf(most, norm_of(rows[i].force_N));
     }

@@ -84,7 +84,7 @@ static void hash_output(job *j, const cr_output *out) {
     j->answers = hash;
     j->all = hash_words(hash_words(j->all, &hash, sizeof hash), &out->stats, sizeof out->stats);
     const cr_stats *s = &out->stats;
-    j->overflows += s->clusters_coarse + s->clusters_dropped + s->touches_dropped + s->areas_merged + s->zones_dropped;
+    j->overflows += s->late_ticks + s->clusters_dropped + s->touches_dropped + s->areas_merged + s->zones_dropped;
     j->touching += out->area_count > 0u;
 }
 

@@ -17,15 +17,15 @@ BUILDS = {
     "default": (),
     "clusters": ("-DCR_CLUSTERS_MAX=16",),
     "touches": ("-DCR_TOUCHES_MAX=16",),
-    "kernels": ("-DCR_KERNELS_MAX=64",),
+    "lookups": ("-DCR_LOOKUPS_MAX=32",),
     "areas": ("-DCR_AREAS_MAX=1",),
     "zones": ("-DCR_ZONES_MAX=3",),
     "all": (
-        *("-DCR_CLUSTERS_MAX=16", "-DCR_TOUCHES_MAX=16", "-DCR_KERNELS_MAX=64"),
+        *("-DCR_CLUSTERS_MAX=16", "-DCR_TOUCHES_MAX=16", "-DCR_LOOKUPS_MAX=32"),
         *("-DCR_AREAS_MAX=1", "-DCR_ZONES_MAX=3"),
     ),
 }
-OVERFLOWS = {"clusters", "kernels", "all"}
+OVERFLOWS = {"clusters", "lookups", "all"}
 """Builds that must overflow in the scenes below; the others may."""
 STAGES = (
     "scene",

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 import pytest
+from crease.replay import ReplayOptions
 from property_scenes import F64, Solid, bake, ball, block, corner, cube, cylinder, run
 
 STEPS = 1600
@@ -96,3 +97,28 @@ def test_halving_the_step_halves_the_largest_change(name: str) -> None:
     least = FACETED_N if name == "ball-on-cylinder" else LEAST_N
     for coarse, fine in pairwise(changes):
         assert fine < max(RATIO_MAX * coarse, least), changes
+
+
+def refined(poses: F64, parts: int) -> F64:
+    """The same path with so many steps for one."""
+    rows = np.arange(len(poses))
+    at = np.linspace(0.0, len(poses) - 1.0, parts * (len(poses) - 1) + 1)
+    fine = np.column_stack([np.interp(at, rows, column) for column in poses.T])
+    fine[:, 3:] /= np.linalg.norm(fine[:, 3:], axis=1, keepdims=True)
+    return fine
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ball-round-edge", "cube-over-edge", "ball-over-corner"])
+def test_answers_of_several_ticks_do_not_jump(name: str) -> None:
+    """A search that has to wait for lookups: half the motion in a tick, half the largest change of a tick."""
+    static, tool, voxel_mm, spacing_mm, poses = CASES[name]
+    scene, changes = bake(static, tool, voxel_mm, 0.5 * spacing_mm), []
+    for parts in (1, 2, 4):
+        rows = run(scene, refined(poses, parts), ReplayOptions(lookups_max=32))
+        assert (rows["late_ticks"] > 0).mean() > 0.5
+        answered = int(np.argmax(rows["areas"] > 0))  # the path may begin in contact
+        steps = np.diff(rows["force_N"][answered:].astype(np.float64), axis=0)
+        changes.append(float(np.linalg.norm(steps, axis=1).max()))
+    for coarse, fine in pairwise(changes):
+        assert fine < max(RATIO_MAX * coarse, LEAST_N), changes

@@ -88,6 +88,9 @@ void crt_close(crt_rig *rig);
 /* Purpose  back to the state before the first tick, with these settings. */
 void crt_restart(crt_rig *rig, const cr_config *config);
 
+/* Purpose  the areas at a pose, searched from scratch in one call.   Output  *set, *areas, *stats. */
+void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint32_t coverage, cr_contact_set *set,
+                    cr_area_set *areas, cr_stats *stats);
 /* Random numbers: the same on every machine. */
 double crt_uniform(uint64_t *seed, double low, double high);
 cr_quat crt_random_rotation(uint64_t *seed);

@@ -34,6 +34,30 @@ void crt_close(crt_rig *rig) {
     memset(rig, 0, sizeof *rig);
 }
 
+void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint32_t coverage, cr_contact_set *set,
+                    cr_area_set *areas, cr_stats *stats) {
+    const cr_detect_options options = {skip, coverage, UINT32_MAX};
+    const xform at = xform_from_pose(pose);
+    const uint32_t clusters = rig->scene.cluster_count;
+    uint16_t *hit_of_cluster = malloc(clusters * sizeof *hit_of_cluster);
+    cr_search search;
+    cr_motion motion;
+    memset(&search, 0, sizeof search);
+    memset(&motion, 0, sizeof motion);
+    memset(stats, 0, sizeof *stats);
+    motion.wake_count = rig->scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    memset(hit_of_cluster, 0xff, clusters * sizeof *hit_of_cluster); /* CR_HIT_NONE in every byte */
+    cr_motion_advance(&motion, pose);
+    assert_true(cr_detect(&rig->field, &at, &options, &motion, &search, set, stats));
+    cr_zones(&rig->scene, hit_of_cluster, set, areas, stats);
+    for (uint32_t i = 0; i < clusters; i++) {
+        assert_int_equal(hit_of_cluster[i], CR_HIT_NONE);
+    }
+    free(hit_of_cluster);
+    free(motion.wake_m);
+}
+
 double crt_uniform(uint64_t *seed, double low, double high) {
     *seed ^= *seed << 13;
     *seed ^= *seed >> 7;

@@ -18,7 +18,6 @@ static cr_contact_set set;
 static cr_area_set area_set;
 static cr_stats stats;
 static cr_area areas[CR_AREAS_MAX];
-static uint16_t hit_of_cluster[4096];
 
 static void open_cube(crt_rig *rig, const crt_solid *solid) {
     const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {HALF_M, HALF_M, HALF_M};
@@ -29,21 +28,9 @@ static void open_cube(crt_rig *rig, const crt_solid *solid) {
 }
 
 static uint32_t respond(const crt_rig *rig, const cr_pose *pose, const cr_config *config, uint32_t room) {
-    cr_motion motion;
-    const cr_detect_options options = {CR_SKIP_ALL, config->coverage};
-    xform now = xform_from_pose(pose);
+    const xform now = xform_from_pose(pose);
     cr_respond_input in = {.field = &rig->field, .world_from_tool = &now, .set = &set, .config = config};
-    memset(&motion, 0, sizeof motion);
-    memset(&stats, 0, sizeof stats);
-    motion.wake_count = rig->scene.group_count * CR_LANES;
-    motion.wake_m = calloc(motion.wake_count, sizeof(float));
-    for (uint32_t i = 0; i < 4096u; i++) {
-        hit_of_cluster[i] = CR_HIT_NONE;
-    }
-    cr_motion_advance(&motion, pose);
-    cr_detect(&rig->field, &now, &options, &motion, &set, &stats);
-    cr_zones(&rig->scene, hit_of_cluster, &set, &area_set, &stats);
-    free(motion.wake_m);
+    crt_find_areas(rig, pose, CR_SKIP_ALL, config->coverage, &set, &area_set, &stats);
     return cr_respond(&in, &area_set, areas, room, &stats);
 }
 

@@ -14,7 +14,6 @@
 static cr_contact_set set;
 static cr_area_set areas;
 static cr_stats stats;
-static uint16_t hit_of_cluster[4096];
 
 static void open_boxes(crt_rig *rig, const crt_solid *solid, const double boxes[][6], int count) {
     crt_tool tool = crt_tool_new(1.5e-3);
@@ -23,25 +22,10 @@ static void open_boxes(crt_rig *rig, const crt_solid *solid, const double boxes[
     }
     crt_open(rig, solid, &tool, VOXEL_M, NULL);
     crt_tool_free(&tool);
-    assert_true(rig->scene.cluster_count <= 4096u);
 }
 
-/* Detect and group at a pose. */
 static void group(const crt_rig *rig, const cr_pose *pose) {
-    cr_motion motion;
-    const cr_detect_options options = {0u, CR_COVERAGE_SOFT};
-    xform now = xform_from_pose(pose);
-    memset(&motion, 0, sizeof motion);
-    memset(&stats, 0, sizeof stats);
-    motion.wake_count = rig->scene.group_count * CR_LANES;
-    motion.wake_m = calloc(motion.wake_count, sizeof(float));
-    for (uint32_t i = 0; i < 4096u; i++) {
-        hit_of_cluster[i] = CR_HIT_NONE;
-    }
-    cr_motion_advance(&motion, pose);
-    cr_detect(&rig->field, &now, &options, &motion, &set, &stats);
-    cr_zones(&rig->scene, hit_of_cluster, &set, &areas, &stats);
-    free(motion.wake_m);
+    crt_find_areas(rig, pose, 0u, CR_COVERAGE_SOFT, &set, &areas, &stats);
 }
 
 static const cr_zone *zone_on(const cr_area_work *area, uint32_t patch) {
@@ -255,19 +239,6 @@ static void zones_curved_zone_points_where_the_surface_points(void **state) {
     crt_close(&rig);
 }
 
-static void zones_leave_their_scratch_as_they_found_it(void **state) {
-    (void)state;
-    crt_solid block = crt_box(-40e-3, 40e-3, 30e-3, -40e-3, 0.0);
-    crt_rig rig;
-    cr_pose pose = crt_pose(0.0, 0.0, 2e-3);
-    open_boxes(&rig, &block, two_boxes, 2);
-    group(&rig, &pose);
-    for (uint32_t i = 0; i < 4096u; i++) {
-        assert_int_equal(hit_of_cluster[i], CR_HIT_NONE);
-    }
-    crt_close(&rig);
-}
-
 /* Twenty posts in the floor: four more than there is room for. */
 static void zones_merge_the_areas_that_do_not_fit_and_count_them(void **state) {
     (void)state;
@@ -310,7 +281,7 @@ static void zones_keep_the_most_touched_and_count_the_rest(void **state) {
     s.adj = NULL;
     s.cluster_count = 1u;
     s.facet_count = 12u;
-    hit_of_cluster[0] = CR_HIT_NONE;
+    uint16_t hit_of_cluster[1] = {CR_HIT_NONE};
     set.hit_count = 1u;
     set.hits[0].sum.area = 1.0f;
     set.touch_count = 12u;
@@ -341,7 +312,6 @@ int main(void) {
         cmocka_unit_test(zones_planar_zone_has_its_facets_exact_plane),
         cmocka_unit_test(zones_sphere_holds_the_touched_surface),
         cmocka_unit_test(zones_curved_zone_points_where_the_surface_points),
-        cmocka_unit_test(zones_leave_their_scratch_as_they_found_it),
         cmocka_unit_test(zones_merge_the_areas_that_do_not_fit_and_count_them),
         cmocka_unit_test(zones_keep_the_most_touched_and_count_the_rest),
     };

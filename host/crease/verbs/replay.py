@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crease.native import COVERAGES, RESPONSES
+from crease.native import COVERAGES, RESPONSES, lib
 from crease.progress import Progress
 from crease.recording import is_recording
 from crease.replay import ReplayOptions, run_path, to_columns
@@ -79,6 +79,13 @@ def add_parser(sub: SubParsers) -> None:
         default="soft",
         help="soft: a sample counts by the part of it that is inside; hard: in or out, as published (default: soft)",
     )
+    parser.add_argument(
+        "--lookups",
+        metavar="N",
+        type=number(32, 1 << 20),
+        help="distances of 16 points that one tick may look up; a search that needs more takes several ticks (default: "
+        f"{lib.cr_config_default().lookups_max})",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
@@ -119,6 +126,7 @@ def run(args: argparse.Namespace) -> None:
         damping_Ns_m=args.damping,
         response=args.response,
         coverage=args.coverage,
+        lookups_max=None if args.lookups is None else int(args.lookups),
     )
     with Progress() as progress:
         rows = run_path(scene, path, options, progress=lambda part: progress("replay", part))
@@ -128,6 +136,12 @@ def run(args: argparse.Namespace) -> None:
     warnings = []
     if overflow:
         warnings.append(f"{overflow} of {len(path)} ticks reached a limit of work or force")
+    late = int(np.count_nonzero(rows["late_ticks"]))
+    if late:
+        oldest = int(rows["late_ticks"].max())
+        warnings.append(
+            f"{late} of {len(path)} ticks answer an earlier pose, up to {oldest} ticks old"
+        )
     if not rows["contacts"].any():
         warnings += _far_away(scene, path)
     warn(warnings)
@@ -136,6 +150,7 @@ def run(args: argparse.Namespace) -> None:
         "ticks": len(path),
         "ticks_in_contact": int(np.count_nonzero(rows["areas"])),
         "ticks_limited": overflow,
+        "ticks_late": late,
         "force_max_N": float(force_N.max()),
         "depth_max_m": float(rows["depth_m"].max()),
         "tick_p50_ns": float(np.percentile(rows["tick_ns"], 50)),

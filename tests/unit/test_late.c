@@ -1,0 +1,216 @@
+/* A search for contact that needs more lookups than one tick may make: what it finds, and what is felt meanwhile. */
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define VOXEL_M 2e-3
+#define HALF_M 8e-3
+#define PERIOD_S 1e-3f
+#define STIFFNESS_N_M 1000.0f
+#define LOOKUPS 32u
+/* The distances of the image are rounded to this, and the force with them. */
+#define ROUNDING_N 2e-3f
+
+static crt_rig wall, edge;
+static cr_contact_set whole, pieces;
+static cr_area_set areas;
+
+static void open_cube(crt_rig *rig, const crt_solid *solid) {
+    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {HALF_M, HALF_M, HALF_M};
+    crt_tool tool = crt_tool_new(0.5e-3);
+    crt_add_box(&tool, centre, half);
+    crt_open(rig, solid, &tool, VOXEL_M, NULL);
+    crt_tool_free(&tool);
+}
+
+static int open_rigs(void **state) {
+    (void)state;
+    const crt_solid flat = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0), bent = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    open_cube(&wall, &flat);
+    open_cube(&edge, &bent);
+    return 0;
+}
+
+static int close_rigs(void **state) {
+    (void)state;
+    crt_close(&wall);
+    crt_close(&edge);
+    return 0;
+}
+
+static void restart_with_few_lookups(crt_rig *rig) {
+    cr_config config = cr_config_default();
+    config.stiffness_N_m = STIFFNESS_N_M;
+    config.lookups_max = LOOKUPS;
+    crt_restart(rig, &config);
+}
+
+static cr_output tick(const crt_rig *rig, const cr_pose *pose) {
+    cr_output out;
+    memset(&out, 0xa5, sizeof out);
+    cr_tick(rig->world, pose, PERIOD_S, &out);
+    return out;
+}
+
+static cr_pose pressed(double depth_m) { return crt_pose(0.0, 0.0, HALF_M - depth_m); }
+
+static void search_in_pieces_finds_the_same_to_the_bit(void **state) {
+    (void)state;
+    cr_search search;
+    cr_motion motion;
+    cr_stats stats;
+    memset(&motion, 0, sizeof motion);
+    motion.wake_count = edge.scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    uint64_t seed = 3u;
+    uint32_t most = 0u;
+    for (int i = 0; i < 100; i++) {
+        cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
+        pose.rot = crt_random_rotation(&seed);
+        const xform at = xform_from_pose(&pose);
+        const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, LOOKUPS};
+        crt_find_areas(&edge, &pose, CR_SKIP_ALL, CR_COVERAGE_SOFT, &whole, &areas, &stats);
+        memset(&search, 0, sizeof search);
+        cr_motion_advance(&motion, &pose);
+        int ended = 0;
+        while (!ended) {
+            memset(&stats, 0, sizeof stats);
+            ended = cr_detect(&edge.field, &at, &options, &motion, &search, &pieces, &stats);
+            assert_true(stats.points + stats.nodes <= LOOKUPS * CR_LANES);
+        }
+        most = search.calls > most ? search.calls : most;
+        assert_int_equal(pieces.hit_count, whole.hit_count);
+        assert_int_equal(pieces.touch_count, whole.touch_count);
+        for (uint32_t h = 0; h < whole.hit_count; h++) {
+            pieces.hits[h].area = whole.hits[h].area; /* set by the zones, which ran on one of the two */
+            assert_memory_equal(&pieces.hits[h].sum, &whole.hits[h].sum, sizeof whole.hits[h].sum);
+            assert_int_equal(pieces.hits[h].cluster, whole.hits[h].cluster);
+            assert_int_equal(pieces.hits[h].covered, whole.hits[h].covered);
+        }
+        assert_memory_equal(pieces.touches, whole.touches, whole.touch_count * sizeof *whole.touches);
+    }
+    assert_true(most > 3u);
+    free(motion.wake_m);
+}
+
+/* Straight into a flat wall the plane is the wall's: carried along, the depth is that of the pose at hand. */
+static void late_force_of_a_wall_is_that_of_the_pose(void **state) {
+    (void)state;
+    restart_with_few_lookups(&wall);
+    uint32_t late = 0u, felt = 0u;
+    for (int i = 0; i < 200; i++) {
+        const double depth = 1e-3 + 0.5e-3 * sin(0.1 * i);
+        const cr_pose pose = pressed(depth);
+        const cr_output out = tick(&wall, &pose);
+        late += out.stats.late_ticks > 0u;
+        felt += out.area_count > 0u;
+        if (felt > 0u) {
+            assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * (float)depth, ROUNDING_N);
+            assert_float_equal(out.depth_m, (float)depth, ROUNDING_N / STIFFNESS_N_M);
+        }
+    }
+    assert_true(late > 150u && felt > 180u);
+}
+
+static void late_force_ends_where_the_tool_leaves(void **state) {
+    (void)state;
+    restart_with_few_lookups(&wall);
+    cr_pose pose = pressed(1e-3);
+    for (int i = 0; i < 40; i++) {
+        (void)tick(&wall, &pose);
+    }
+    for (int i = 0; i < 40; i++) {
+        pose = pressed(1e-3 - 0.1e-3 * i);
+        const cr_output out = tick(&wall, &pose);
+        assert_true(out.force_world_N.z >= 0.0f);
+        if (i > 10) {
+            assert_float_equal(out.force_world_N.z, 0.0f, 0.0f);
+        }
+    }
+}
+
+/* A tool at rest: the late answer is that of an unlimited search, but for rounding. */
+static void late_force_at_rest_is_the_whole_one(void **state) {
+    (void)state;
+    cr_pose pose = crt_pose(5e-3, 0.0, 6e-3);
+    pose.rot = crt_turn(0.2, 1.0, 0.3, 0.5);
+    crt_restart(&edge, NULL);
+    const cr_output prompt = tick(&edge, &pose);
+    restart_with_few_lookups(&edge);
+    cr_output out = tick(&edge, &pose);
+    assert_int_equal(prompt.stats.late_ticks, 0u);
+    assert_true(out.stats.late_ticks > 0u && out.area_count == 0u);
+    for (int i = 0; i < 40; i++) {
+        out = tick(&edge, &pose);
+    }
+    assert_true(prompt.depth_m > 0.5e-3f && out.stats.late_ticks > 0u);
+    assert_float_equal(v3_norm(v3_sub(out.force_world_N, prompt.force_world_N)), 0.0f, 1e-3f);
+    assert_float_equal(v3_norm(v3_sub(out.torque_world_Nm, prompt.torque_world_Nm)), 0.0f, 1e-5f);
+    assert_float_equal(v3_norm(v3_sub(out.display_pose.pos_m, prompt.display_pose.pos_m)), 0.0f, 1e-6f);
+}
+
+/* How old an answer is: it counts up from that of a search's pose, and is zero again when one tick is enough. */
+static void late_ticks_tell_the_age_of_the_answer(void **state) {
+    (void)state;
+    restart_with_few_lookups(&wall);
+    const cr_pose pose = pressed(1e-3), away = crt_pose(0.0, 0.0, 0.2);
+    uint32_t before = 0u;
+    for (int i = 0; i < 60; i++) {
+        const cr_output out = tick(&wall, &pose);
+        assert_true(out.stats.late_ticks == before + 1u || (out.stats.late_ticks <= before && out.zone_count > 0u));
+        assert_true(out.stats.late_ticks < 20u);
+        before = out.stats.late_ticks;
+    }
+    cr_output out = tick(&wall, &away);
+    for (int i = 0; i < 20; i++) {
+        out = tick(&wall, &away);
+    }
+    assert_int_equal(out.stats.late_ticks, 0u);
+    assert_int_equal(out.area_count, 0u);
+}
+
+static void late_contact_is_forgotten_by_a_fault(void **state) {
+    (void)state;
+    restart_with_few_lookups(&wall);
+    const cr_pose pose = pressed(1e-3), away = crt_pose(0.0, 0.0, 0.2), bad = crt_pose((double)NAN, 0.0, 0.0);
+    for (int i = 0; i < 30; i++) {
+        (void)tick(&wall, &pose);
+    }
+    assert_true(tick(&wall, &bad).faults != 0u);
+    cr_world_clear_fault(wall.world);
+    const cr_output out = tick(&wall, &away);
+    assert_int_equal(out.faults, 0u);
+    assert_int_equal(out.area_count, 0u);
+    assert_float_equal(v3_norm(out.force_world_N), 0.0f, 0.0f);
+}
+
+static void late_settings_begin_the_search_anew(void **state) {
+    (void)state;
+    restart_with_few_lookups(&wall);
+    const cr_pose pose = pressed(1e-3);
+    assert_true(tick(&wall, &pose).stats.late_ticks > 0u);
+    const cr_config config = cr_config_default();
+    assert_int_equal(cr_world_configure(wall.world, &config), CR_OK);
+    const cr_output out = tick(&wall, &pose);
+    assert_int_equal(out.stats.late_ticks, 0u);
+    assert_float_equal(out.force_world_N.z, 1.0f, ROUNDING_N);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(search_in_pieces_finds_the_same_to_the_bit),
+        cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),
+        cmocka_unit_test(late_force_ends_where_the_tool_leaves),
+        cmocka_unit_test(late_force_at_rest_is_the_whole_one),
+        cmocka_unit_test(late_ticks_tell_the_age_of_the_answer),
+        cmocka_unit_test(late_contact_is_forgotten_by_a_fault),
+        cmocka_unit_test(late_settings_begin_the_search_anew),
+    };
+    return cmocka_run_group_tests(tests, open_rigs, close_rigs);
+}
