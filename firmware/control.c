@@ -71,20 +71,17 @@ void cr_control_speeds(const cr_servo_config *config, cr_control *control, const
 
 void cr_control_reset(cr_control *control) { memset(control, 0, sizeof *control); }
 
-/* The mechanism's own viscous friction burns part of an excess; less than the least of any axis (1.5 N s/m). Without it the little
- * that a turning force gives on its way over a corner (0.04 mW at 20 mm/s, of 0.6 mW that friction takes) keeps the controller
- * on: buzz 0.095 m/s^2 instead of 0.015. Only an excess is burnt: nothing is saved up for later. */
-#define OWN_DAMPING_NS_M 1.0f
-
 /* Work of the force that was held since the sample before, on the way the tip made [7]. With positions, not with
  * speeds: the sum telescopes, so neither quantisation nor the velocity filter adds or loses energy. */
-static void observe(cr_control *c, const cr_control_input *in, cr_vec3 velocity) {
+static void observe(const cr_control_config *config, cr_control *c, const cr_control_input *in, cr_vec3 velocity) {
     cr_vec3 tip = in->kinematics->tip_world_m;
     if (c->has_before) {
         c->energy_J += v3_dot(c->applied_N[CR_FORCE_DELAY - 1], v3_sub(tip, c->tip_before_m));
     }
     if (c->energy_J > 0.0f) {
-        c->energy_J = max_f(0.0f, c->energy_J - OWN_DAMPING_NS_M * in->period_s * v3_dot(velocity, velocity));
+        /* The mechanism's own viscous friction burns part of an excess. Without it the little that a turning force gives on its way over a
+         * corner (0.04 mW at 20 mm/s, of 0.6 mW that friction takes) keeps the controller on: buzz 0.095 m/s^2 instead of 0.015. */
+        c->energy_J = max_f(0.0f, c->energy_J - config->own_damping_Ns_m * in->period_s * v3_dot(velocity, velocity));
     }
     c->tip_before_m = tip;
     c->has_before = 1u;
@@ -239,7 +236,7 @@ void cr_control_step(const cr_servo_config *config, cr_control *c, const cr_cont
         out->velocity_m_s = v3_mad(out->velocity_m_s, in->kinematics->column[a], in->speed[a]);
     }
     c->ramp = limit->ramp_s > 0.0f ? min_f(1.0f, c->ramp + in->period_s / limit->ramp_s) : 1.0f;
-    observe(c, in, out->velocity_m_s);
+    observe(limit, c, in, out->velocity_m_s);
     cr_vec3 force = damp(limit, in->contact_force_N, out->velocity_m_s);
     force = dissipate(limit, c, in, out->velocity_m_s, force, &out->limits);
     force = limit_force(limit, v3_scale(force, c->ramp), &out->limits);

@@ -64,8 +64,10 @@ typedef struct {
     float power_max_W;          /* on what the device gives to the hand */
     float speed_max_m_s;        /* above it, force that would speed up the tip fades to nothing at twice the speed */
     float passivity_damping_max_Ns_m; /* of the passivity controller; 0: observe only */
-    float ramp_s;                     /* force grows from nothing to full after start */
-    uint32_t window;                  /* periods the velocity estimate may look back, 2..CR_WINDOW_MAX */
+    float
+        own_damping_Ns_m; /* viscous friction of the mechanism that the controller counts on: less than any axis has */
+    float ramp_s;         /* force grows from nothing to full after start */
+    uint32_t window;      /* periods the velocity estimate may look back, 2..CR_WINDOW_MAX */
 } cr_control_config;
 #define CR_WINDOW_MAX 32
 
@@ -277,7 +279,7 @@ typedef struct {
     uint32_t version, record_bytes, config_bytes, records_at;
     uint32_t scene_crc32, scene_bytes;
 } cr_record_head;
-#define CR_RECORD_VERSION 2u
+#define CR_RECORD_VERSION 3u
 #define CR_RECORDS_AT 1024u
 
 /* Purpose  first bytes of a recording file.   Shapes  out[CR_RECORDS_AT], all written. */

@@ -40,7 +40,7 @@ cr_servo_config cr_servo_config_default(void) {
         default_arm(),
         {guide, link, link},
         0.05f * DEG_F,
-        {0.0f, 0.0f, 0.5f, 20.0f, 4000.0f, 20.0f, 1.0f, 10.0f, 0.2f, 16u},
+        {0.0f, 0.0f, 0.5f, 20.0f, 4000.0f, 20.0f, 1.0f, 10.0f, 1.0f, 0.2f, 16u},
         {100u, 150u, 250u, 2u, 100u, 1000u, 50u, 50u, 3u, 50u},
         cr_config_default(),
         1e-3f,
@@ -106,7 +106,7 @@ static const char *axis_error(const cr_axis_config *axis, float period_s) {
 
 static const char *control_error(const cr_control_config *c) {
     if (!in(c->contact_damping_Ns_m, 0.0f, 1e3f) || !in(c->free_damping_Ns_m, 0.0f, 1e3f) ||
-        !in(c->passivity_damping_max_Ns_m, 0.0f, 1e3f)) {
+        !in(c->passivity_damping_max_Ns_m, 0.0f, 1e3f) || !in(c->own_damping_Ns_m, 0.0f, 1e3f)) {
         return "damping: 0..1000 N s/m";
     }
     if (!in(c->friction_share, 0.0f, 0.95f)) {

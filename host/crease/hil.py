@@ -297,7 +297,15 @@ def run_socketcan(
             text=True,
         )
         try:
-            command = [find_creased(), "--config", str(device), "--record", str(record), "--quiet"]
+            command = [
+                find_creased(),
+                "--config",
+                str(device),
+                "--record",
+                str(record),
+                "--force",
+                "--quiet",
+            ]
             command += [
                 "--start-after",
                 f"{len(lead) * 1e-3}",

@@ -35,6 +35,18 @@ def test_creased_refuses_with_one_line(
     assert not record.exists(), "nothing half written"
 
 
+def test_creased_keeps_an_old_record(scene: Path, tmp_path: Path) -> None:
+    config, record = tmp_path / "device.toml", tmp_path / "run.crr"
+    config.write_text("", encoding="ascii")
+    record.write_text("yesterday's", encoding="ascii")
+    words = [CREASED, "--config", config, "--interface", CHANNEL, "--record", record, scene]
+    command = [str(word) for word in words]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (said.returncode, said.stdout) == (1, "")
+    assert said.stderr == f"error: {record}: is there already; --force replaces it\n"
+    assert record.read_text(encoding="ascii") == "yesterday's"
+
+
 @pytest.mark.parametrize("cob", [0x000, 0x080, 0x181, 0x211, 0x601 + 0x10, 0x701])
 def test_frame_of_a_second_host_is_a_fault_that_is_named(scene: Path, cob: int) -> None:
     with closed_loop(scene, "--exit-on-fault") as loop:

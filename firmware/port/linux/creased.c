@@ -32,7 +32,7 @@ typedef struct {
     const char *device_path, *scene_path, *record_path, *interface;
     double seconds;     /* 0: no end */
     double start_after; /* in idle, s */
-    int start, exit_on_fault, quiet;
+    int start, exit_on_fault, quiet, force;
 } options;
 
 typedef struct {
@@ -272,7 +272,7 @@ static int complain(int status, const char *text) {
 
 #define USAGE                                                                                                          \
     "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"             \
-    "               [--exit-on-fault] [--quiet] [--seconds S] scene.crs\n"                                             \
+    "               [--exit-on-fault] [--force] [--quiet] [--seconds S] scene.crs\n"                                   \
     "commands on standard input: start, stop, clear, quit\n"
 
 static int usage(void) {
@@ -287,7 +287,8 @@ static void help(void) {
         "The servo of a haptic device on SocketCAN: a scene image, three CiA 402 drives, contact forces at 1 kHz.\n\n"
         "  --config FILE      the device; firmware/port/linux/device.toml has every key with its default\n"
         "  --interface NAME   such as can0 or vcan0, instead of the file's\n"
-        "  --record FILE      every tick, for crease replay and crease plot; an old file is replaced\n"
+        "  --record FILE      every tick, for crease replay and crease plot; see --force\n"
+        "  --force            the record may replace a file\n"
         "  --start            render as soon as the drives are calibrated, without the command\n"
         "  --start-after S    the same, S seconds later\n"
         "  --seconds S        stop after this time\n"
@@ -305,12 +306,17 @@ static int read_seconds(const char *text, double *out) {
 }
 
 static int read_options(int argc, char **argv, options *opt) {
-    static const struct option known[] = {
-        {"config", required_argument, NULL, 'c'}, {"interface", required_argument, NULL, 'i'},
-        {"record", required_argument, NULL, 'r'}, {"seconds", required_argument, NULL, 's'},
-        {"start", no_argument, NULL, 'S'},        {"exit-on-fault", no_argument, NULL, 'x'},
-        {"quiet", no_argument, NULL, 'q'},        {"start-after", required_argument, NULL, 'a'},
-        {"help", no_argument, NULL, 'h'},         {NULL, 0, NULL, 0}};
+    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
+                                          {"interface", required_argument, NULL, 'i'},
+                                          {"record", required_argument, NULL, 'r'},
+                                          {"seconds", required_argument, NULL, 's'},
+                                          {"start", no_argument, NULL, 'S'},
+                                          {"exit-on-fault", no_argument, NULL, 'x'},
+                                          {"quiet", no_argument, NULL, 'q'},
+                                          {"start-after", required_argument, NULL, 'a'},
+                                          {"force", no_argument, NULL, 'f'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {NULL, 0, NULL, 0}};
     int wrong = 0;
     memset(opt, 0, sizeof *opt);
     for (int key = getopt_long(argc, argv, "", known, NULL); key != -1;
@@ -340,6 +346,9 @@ static int read_options(int argc, char **argv, options *opt) {
             break;
         case 'q':
             opt->quiet = 1;
+            break;
+        case 'f':
+            opt->force = 1;
             break;
         case 'h':
             help();
@@ -403,7 +412,11 @@ static int open_record(daemon_state *d) {
     if (d->opt.record_path == NULL) {
         return 0;
     }
-    d->record = fopen(d->opt.record_path, "wb");
+    d->record = fopen(d->opt.record_path, d->opt.force ? "wb" : "wbx");
+    if (d->record == NULL && errno == EEXIST) {
+        snprintf(text, sizeof text, "%s: is there already; --force replaces it", d->opt.record_path);
+        return complain(EXIT_RECORD, text);
+    }
     cr_record_head_write(&d->device.servo, d->image, d->image_bytes, head);
     if (d->record == NULL || fwrite(head, sizeof head, 1, d->record) != 1) {
         snprintf(text, sizeof text, "%s: cannot be written: %s", d->opt.record_path, strerror(errno));

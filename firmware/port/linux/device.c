@@ -79,6 +79,7 @@ static const entry entries[] = {
     {"wrist", "max_deg", FLOATS, 3, AT(servo.arm.wrist_max_rad), DEG, -360.0, 360.0},
     {"contact", "stiffness_N_m", FLOATS, 1, AT(servo.world.stiffness_N_m), 1.0, 0.0, 1e6},
     {"contact", "damping_Ns_m", FLOATS, 1, AT(servo.control.contact_damping_Ns_m), 1.0, 0.0, 1000.0},
+    {"contact", "lookups_max", WHOLE, 1, AT(servo.world.lookups_max), 1.0, 32.0, 1048576.0},
     {"control", "free_damping_Ns_m", FLOATS, 1, AT(servo.control.free_damping_Ns_m), 1.0, 0.0, 1000.0},
     {"control", "friction_share", FLOATS, 1, AT(servo.control.friction_share), 1.0, 0.0, 0.95},
     {"control", "force_max_N", FLOATS, 1, AT(servo.control.force_max_N), 1.0, 0.01, 1000.0},
@@ -87,6 +88,7 @@ static const entry entries[] = {
     {"control", "speed_max_m_s", FLOATS, 1, AT(servo.control.speed_max_m_s), 1.0, 0.01, 100.0},
     {"control", "passivity_damping_max_Ns_m", FLOATS, 1, AT(servo.control.passivity_damping_max_Ns_m), 1.0, 0.0,
      1000.0},
+    {"control", "own_damping_Ns_m", FLOATS, 1, AT(servo.control.own_damping_Ns_m), 1.0, 0.0, 1000.0},
     {"control", "ramp_ms", FLOATS, 1, AT(servo.control.ramp_s), 1e-3, 0.0, 10000.0},
     {"control", "window", WHOLE, 1, AT(servo.control.window), 1.0, 2.0, CR_WINDOW_MAX},
 };
