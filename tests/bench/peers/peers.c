@@ -4,6 +4,7 @@
 #include <ccd/ccd.h>
 #include <math.h>
 #include <ode/ode.h>
+#include <stdarg.h>
 #include <stdlib.h>
 
 #define CONTACTS_MAX 1024
@@ -37,9 +38,18 @@ static dGeomID make_ode(const peers_mesh *m, dTriIndex *index) {
     return dCreateTriMesh(0, data, NULL, NULL, NULL);
 }
 
-void peers_ode(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat, double *out) {
+/* ODE tells on stderr, within the query, that its table of near contacts is full: none is lost, some are told twice. */
+static void stay_silent(int number, const char *text, va_list words) {
+    (void)number;
+    (void)text;
+    (void)words;
+}
+
+void peers_ode(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
+               double *out) {
     static dContactGeom contact[CONTACTS_MAX];
     dInitODE2(0);
+    dSetMessageHandler(stay_silent);
     dTriIndex *index[2] = {malloc(sizeof(dTriIndex) * 3 * (size_t)fixed->triangle_count),
                            malloc(sizeof(dTriIndex) * 3 * (size_t)tool->triangle_count)};
     dGeomID a = make_ode(tool, index[1]), b = make_ode(fixed, index[0]);
@@ -115,7 +125,8 @@ static body placed(const peers_mesh *m, const double *p) {
     return b;
 }
 
-void peers_ccd(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat, double *out) {
+void peers_ccd(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
+               double *out) {
     static const double still[7] = {0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0};
     const body a = placed(fixed, still);
     ccd_t ccd;

@@ -37,9 +37,11 @@ static inline double peers_now_us(void) {
     return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
 }
 
-void peers_ode(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat, double *out);
+void peers_ode(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
+               double *out);
 /* Both meshes have to be convex, and hold only the corners of their hulls. */
-void peers_ccd(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat, double *out);
+void peers_ccd(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
+               double *out);
 void peers_gimpact(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
                    double *out);
 
