@@ -110,7 +110,7 @@ def pack(sections: dict[int, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
 
 
 def read_sections(image: npt.NDArray[np.uint8]) -> dict[int, npt.NDArray[Any]]:
-    """The sections of a valid image, as `pack` takes them: records where RECORDS knows one, else bytes of their stride."""
+    """The sections of a valid image, as `pack` takes them: records of RECORDS, else raw elements of their size."""
     count = int(image[: HEADER.itemsize].view(HEADER)[0]["section_count"])
     table = image[HEADER.itemsize : HEADER.itemsize + count * SECTION.itemsize].view(SECTION)
     sections = {}

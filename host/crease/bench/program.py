@@ -21,7 +21,18 @@ from crease.trajectory import Trajectory
 
 ROOT = Path(crease.__file__).resolve().parents[2]
 FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-DCR_RIVALS", "-ffp-contract=off", "-fno-math-errno")  # fmt: skip
-CORE = ("scene", "field", "coverage", "detect", "zones", "respond", "depth", "split", "published", "tick")
+CORE = (
+    "scene",
+    "field",
+    "coverage",
+    "detect",
+    "zones",
+    "respond",
+    "depth",
+    "split",
+    "published",
+    "tick",
+)
 """What a tick is made of: the servo round it keeps records of fixed size, which cannot be widened."""
 
 COUNTED = ("-O2",)
@@ -35,14 +46,16 @@ def widened(kind: np.dtype[Any]) -> np.dtype[Any]:
         return np.dtype((widened(kind.subdtype[0]), kind.subdtype[1]))
     if kind.fields is None:
         return np.dtype("<f8") if kind == np.dtype("<f4") else kind
-    return np.dtype([(name, widened(kind.fields[name][0])) for name in kind.names or ()], align=True)
+    return np.dtype(
+        [(name, widened(kind.fields[name][0])) for name in kind.names or ()], align=True
+    )
 
 
 ROW_IN_DOUBLE = widened(ROW)
 
 
 def widen_image(scene: Scene) -> npt.NDArray[np.uint8]:
-    """The scene's image with every float32 as a float64 of the same value. Sums of clusters are the program's to make."""
+    """The scene's image with every float32 as a float64 of the same value; the program makes the sums anew."""
     sections = read_sections(scene.image)
     for key, kind in RECORDS.items():
         wide = np.zeros(len(sections[key]), widened(kind))
@@ -53,10 +66,12 @@ def widen_image(scene: Scene) -> npt.NDArray[np.uint8]:
 
 
 def build(program: Path, flags: tuple[str, ...]) -> Path:
-    """Compile tests/bench/replay_path.c with firmware and rivals.   Errors: CreaseError with the compiler's first line."""
+    """Compile tests/bench/replay_path.c with core and rivals.   Errors: CreaseError with the compiler's first line."""
     source = ROOT / "tests/bench/replay_path.c"
     if not source.exists():
-        raise CreaseError(f"{source}: is missing; this benchmark builds C and needs the whole source tree")
+        raise CreaseError(
+            f"{source}: is missing; this benchmark builds C and needs the whole source tree"
+        )
     compiler = shutil.which("cc")
     if compiler is None:
         raise CreaseError("cc: not found; this benchmark builds C: run `make setup`")
@@ -67,7 +82,9 @@ def build(program: Path, flags: tuple[str, ...]) -> Path:
     words = [compiler, *FLAGS, *flags, *folders, *map(str, sources), "-lm", "-o", str(program)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        errors = [line for line in done.stderr.splitlines() if "error" in line] or ["no reason given"]
+        errors = [line for line in done.stderr.splitlines() if "error" in line] or [
+            "no reason given"
+        ]
         raise CreaseError(f"{source}: does not compile: {errors[0]}")
     return program
 
@@ -79,7 +96,13 @@ def words_for(program: Path, folder: Path, image: npt.NDArray[np.uint8], rows: n
     (folder / "image").write_bytes(image.tobytes())
     (folder / "path").write_bytes(np.ascontiguousarray(rows).tobytes())
     numbers = (RESPONSES[options.response], COVERAGES[options.coverage])
-    return [str(program), str(folder / "image"), str(folder / "path"), *map(str, numbers), str(folder / "rows")]
+    return [
+        str(program),
+        str(folder / "image"),
+        str(folder / "path"),
+        *map(str, numbers),
+        str(folder / "rows"),
+    ]
 
 
 def run_in_double(program: Path, scene: Scene, path: Trajectory, options: ReplayOptions,
