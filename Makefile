@@ -34,7 +34,7 @@ TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
-C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.c) $(C_HEADERS)
+C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native meshes tests)
 
@@ -212,18 +212,30 @@ bench: build/.host build/scenes/.stamp ## measured figures, with the machine's n
 # An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
 PEERS := build/peers
 PEERS_PIP := python-fcl coal mujoco pybullet
+PEERS_APT := libode-dev libccd-dev libbullet-dev
+PEERS_SCENES := edge90_cube edge90_sphere corner3_sphere groove_block part_spanner groove_stylus
 
-bench-peers: build/.host build/meshes/.stamp ## ODE, libccd, FCL, Coal, Bullet, MuJoCo on the edge: time and error, and the figure of `crease bench pareto`
+build/.peers: FORCE
+	$(call APT_INSTALL,$(PEERS_APT))
+
+# Two libraries of one C file each, linked into one; warnings of Bullet's headers are not ours.
+$(PEERS)/libpeers.so: $(wildcard tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) | build/.peers
+	@mkdir -p $(@D)
+	cc -O2 -fPIC $(WARNINGS) $$(pkg-config --cflags ode) -c tests/bench/peers/peers.c -o $(PEERS)/peers.o
+	c++ -O2 -fPIC -Wall -Wextra $$(pkg-config --cflags bullet-float64 | sed 's/-I/-isystem /g') -c tests/bench/peers/gimpact.cpp -o $(PEERS)/gimpact.o
+	c++ -shared $(PEERS)/peers.o $(PEERS)/gimpact.o -lode -lccd $$(pkg-config --libs bullet-float64) -lm -o $@
+
+bench-peers: build/.host build/scenes/.stamp $(PEERS)/libpeers.so ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
 	@test -x $(PEERS)/bin/python || "$(PYTHON)" -m venv $(PEERS)
 	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check numpy scipy trimesh
 	@for p in $(PEERS_PIP); do $(PEERS)/bin/pip install --quiet --disable-pip-version-check --only-binary :all: $$p \
 	    || echo "bench-peers: $$p has no wheel for this machine: left out"; done
-	cc -O2 -shared -fPIC $$(pkg-config --cflags ode) tests/bench/peers/peers.c -lode -lccd -lm -o $(PEERS)/libpeers.so
 	rm -rf $(PEERS)/raw
-	$(PEERS)/bin/python tests/bench/peers/query.py build/meshes $(PEERS)/raw --library $(PEERS)/libpeers.so
+	$(PEERS)/bin/python tests/bench/peers/query.py meshes/scenes.toml build/meshes $(PEERS)/raw $(PEERS_SCENES) --library $(PEERS)/libpeers.so
 	@mkdir -p build/bench
 	$(PY) tests/bench/peers/collect.py $(PEERS)/raw build/bench/peers.csv
 	$(CREASE) bench pareto -o build/bench --peers build/bench/peers.csv --force
+	$(CREASE) bench precision -o build/bench --force
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress

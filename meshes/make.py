@@ -73,6 +73,7 @@ MESHES: dict[str, Callable[[], shapes.Mesh]] = {
     "hole_block": shapes.hole_block,
     "featuretype": lambda: shapes.feature_part(HERE / "featuretype.STL"),
     "screwdriver": shapes.screwdriver,
+    "stylus": shapes.stylus,
     "spanner": lambda: shapes.spanner(HERE / "wrench.dxf"),
 }
 

@@ -124,6 +124,18 @@ def groove_block() -> paths.Path:
     return paths.posed(positions, turns)
 
 
+def groove_stylus() -> paths.Path:
+    """The stylus in the groove, leaning 45 degrees away from floor and wall: floor, corner, wall.
+
+    The tip is the deepest point behind both planes and enters the corner through its bisector: the contact of a point.
+    """
+    tip = _keys(
+        "10 -30 3 | 10 -30 -1.8 | 6 -20 -2 | 14 -10 -1.5 | 16 -4 4 | 18 -1 2 | 20 1 0 | 21.4 4 -1.4"
+        "| 21.6 8 -1.2 | 21.2 12 -1.5 | 20 15 0 | 18 17 2 | 19 20 6 | 21.5 24 8 | 21.2 30 13 | 16 34 16"
+    )
+    return paths.posed(tip, [[0, -45, 0]] * len(tip))
+
+
 def vgroove_ball() -> paths.Path:
     """Ball R 15 mm in the V groove: onto one wall, into the bottom (both), out along the other.
 
@@ -175,6 +187,7 @@ PATHS: dict[str, Callable[[], paths.Path]] = {
     "cylinder_ball": lambda: paths.cylinder_ball(20.0, 15.0, 2.0),
     "bar_u": bar_u,
     "groove_block": groove_block,
+    "groove_stylus": groove_stylus,
     "vgroove_ball": vgroove_ball,
     "step_cube": step_cube,
     "wall_cube": wall_cube,

@@ -210,6 +210,12 @@ def screwdriver() -> Mesh:
     return from_manifold((body ^ blade).rotate([0.0, 90.0, 0.0]))
 
 
+def stylus() -> Mesh:
+    """Cone with its tip at the origin, 15 mm along z, half angle 25 degrees (24 sides): touches with a point."""
+    outline = [(0.0, 0.0), (15.0 * np.tan(np.radians(25.0)), 15.0), (0.0, 15.0)]
+    return from_manifold(mf.CrossSection([np.array(outline)]).revolve(24))
+
+
 def spanner(dxf: Path) -> Mesh:
     """Outline of wrench.dxf (inch) extruded to 8 mm, centred at the origin: 448 triangles."""
     polygon = trimesh.load_path(str(dxf)).polygons_full[0]

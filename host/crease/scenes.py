@@ -86,12 +86,17 @@ def bake_spec(spec: SceneSpec, image: Path) -> int:
 
 def is_current(image: Path, spec: SceneSpec, table: Path) -> bool:
     """Whether an image is newer than all it is made of: meshes, table, and the code that bakes."""
+    return bodies_path(image).exists() and is_newer(image, spec.static, spec.tool, table)
+
+
+def is_newer(image: Path, *made_of: Path) -> bool:
+    """Whether an image is newer than the files it is made of and the code that bakes."""
     package = Path(__file__).parent
     modules = [package / f"{name}.py" for name in ("mesh", "mend", "topology", "bodies")]
     code = [Path(_native.__file__), *package.glob("bake/*.py"), *modules]
-    made_of = [spec.static, spec.tool, table, *code]
-    made = image.exists() and bodies_path(image).exists()
-    return made and all(p.stat().st_mtime <= image.stat().st_mtime for p in made_of)
+    return image.exists() and all(
+        p.stat().st_mtime <= image.stat().st_mtime for p in (*made_of, *code)
+    )
 
 
 def main(argv: list[str] | None = None) -> int:

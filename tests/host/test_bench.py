@@ -9,17 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crease.bench.ablation import HEIGHTS_MM, SKIPS, motion
-from crease.bench.pareto import Point, dominated, float32_um, read_points, write_points
+from crease.bench.points import MEASURES, Point, less_error, read_points, verdict, write_records
+from crease.bench.precision import compare, force_um
+from crease.bench.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
 from crease.bench.scaling import corner_poses, exponent
+from crease.bench.setup import read_exact
 from crease.errors import CreaseError
 from crease.experiment.setup import make_path
 from crease.replay import ReplayOptions, run_path
 from crease.scene import open_scene
-from crease.trajectory import load_trajectory
+from crease.trajectory import Trajectory, load_trajectory
 from host_tools import Run
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 IMAGE = ROOT / "build/scenes/edge90_cube.crs"
+EXACT = read_exact(ROOT / "tests/golden/exact/edge90_cube.csv.gz")
 OURS = Point(
     "edge",
     "zones, default",
@@ -44,7 +48,7 @@ OURS = Point(
 
 def test_points_read_back(tmp_path: Path) -> None:
     points = [OURS, replace(OURS, group="rival library", instructions=math.nan, label="a b")]
-    write_points(tmp_path / "p.csv", points)
+    write_records(tmp_path / "p.csv", points)
     back = read_points(tmp_path / "p.csv")
     assert back[0] == OURS
     assert back[1].label == "a b"
@@ -56,11 +60,52 @@ def test_points_read_back(tmp_path: Path) -> None:
 
 def test_a_rival_that_is_faster_and_better_is_named() -> None:
     rival = replace(OURS, group="rival library", label="theirs", p50_us=7.0, force_rms_mm=0.02)
-    silent = replace(rival, direction_p99_deg=math.nan)
-    assert dominated([OURS, rival, silent]) == []
+    assert verdict([OURS, rival]) == [
+        "edge: of 1 rivals 1 are faster, none both faster and more accurate."
+    ]
     better = replace(rival, direction_p99_deg=0.2)
-    assert dominated([OURS, better]) == ["edge: theirs is faster and has less error of direction"]
-    assert dominated([OURS, replace(better, p50_us=9.0)]) == []
+    head, line = verdict([OURS, better])
+    assert (
+        head == "edge: of 1 rivals 1 are faster, 1 both faster and more accurate in some measure:"
+    )
+    assert (
+        "theirs, 7 us against 8: better in direction p99 0.2 against 0.3 deg; worse in force RMS 0.02"
+        in line
+    )
+    slower = replace(better, p50_us=9.0)
+    assert verdict([OURS, slower]) == [
+        "edge: none of 1 rivals is faster, none both faster and more accurate."
+    ]
+
+
+def test_a_rival_that_is_silent_is_not_more_accurate() -> None:
+    silent = replace(
+        OURS,
+        group="rival response",
+        label="quiet",
+        p50_us=1.0,
+        direction_p99_deg=math.nan,
+        force_rms_mm=9.0,
+    )
+    assert less_error(silent, OURS) == []
+    assert "silent against 0.3 deg" in verdict([OURS, replace(silent, depth_rms_mm=0.001)])[1]
+
+
+def test_a_rival_that_wins_everywhere_dominates() -> None:
+    half = {key: 0.5 * getattr(OURS, key) for key in MEASURES}
+    lines = verdict([OURS, replace(OURS, group="rival response", label="wins", p50_us=1.0, **half)])
+    assert lines[1].endswith("worse in nothing: it dominates.")
+
+
+def test_differences_within_noise_are_none() -> None:
+    same = replace(
+        OURS,
+        group="rival response",
+        p50_us=0.99 * OURS.p50_us,
+        force_rms_mm=0.5 * OURS.force_rms_mm,
+    )
+    assert "none of 1 rivals is faster" in verdict([OURS, same])[0]
+    assert less_error(replace(same, force_rms_mm=OURS.force_rms_mm - 5e-7), OURS) == []
 
 
 def test_exponent_is_the_slope_of_the_logarithms() -> None:
@@ -95,9 +140,58 @@ def test_ablation_motions_are_where_they_say() -> None:
         assert rows[0]["depth_m"] == pytest.approx(expected, abs=2e-6), name
 
 
-def test_float32_costs_less_than_a_tenth_of_a_micrometre() -> None:
+def test_widened_records_are_laid_out_as_c_lays_them_out() -> None:
+    kind = np.dtype([("a", "<u4"), ("b", "<f4", 3), ("c", "<u2"), ("d", "<f4")], align=True)
+    wide = widened(kind)
+    assert [(wide.fields or {})[name][1] for name in "abcd"] == [0, 8, 32, 40]
+    assert wide.itemsize == 48
+    assert widened(np.dtype("<i2")) == np.dtype("<i2")
+
+
+def test_the_firmware_in_double_answers_alike(tmp_path: Path) -> None:
+    """Single precision costs less than 0.1 um here, and more than nothing: it really is another build."""
+    scene, whole = open_scene(IMAGE), load_trajectory(ROOT / "build/meshes/edge90_cube.csv")
+    path = Trajectory(np.ascontiguousarray(whole.rows[800:1400]), whole.source)
+    program = build(tmp_path / "double", IN_DOUBLE)
+    double, single = run_in_double(program, scene, path, ReplayOptions()), run_path(scene, path)
+    assert double["force_N"].dtype == np.float64
+    um = force_um(single, double)
+    assert 0.0 < um.max() < 0.1
+    cost = compare(
+        "edge90_cube", "soft", single, double, {k: v[800:1400] for k, v in EXACT.items()}
+    )
+    assert cost.flips == 0
+    assert cost.error_double_mm == pytest.approx(cost.error_single_mm, abs=1e-4)
+
+
+def test_a_tick_that_decides_otherwise_is_counted() -> None:
+    """The same rows but for one area more in one tick, and 1 um of force in another."""
     path = load_trajectory(ROOT / "build/meshes/edge90_cube.csv")
-    assert 0.0 < float32_um(open_scene(IMAGE), path) < 0.1
+    rows = run_path(open_scene(IMAGE), path)
+    other = rows.astype(ROW_IN_DOUBLE)
+    other["areas"][900] += 1
+    other["force_N"][1000] += [1e-3, 0.0, 0.0]
+    cost = compare("edge90_cube", "soft", rows, other, EXACT)
+    assert (cost.flips, cost.choices, cost.at_tick) == (1, 1, 1000)
+    assert cost.force_max_um == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_program_that_does_not_compile_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(CreaseError, match="does not compile"):
+        build(tmp_path / "none", ("-DCR_TREE_DEPTH_MAX=99",))
+
+
+@pytest.mark.parametrize("name", ["pareto", "precision", "ablation"])
+def test_missing_meshes_are_one_line_and_leave_nothing(
+    crease: Run, tmp_path: Path, name: str
+) -> None:
+    said = crease("bench", name, "-o", tmp_path / "out", "--meshes", tmp_path / "none")
+    assert said.status == 1
+    assert (
+        said.err
+        == f"error: {tmp_path / 'none'}: is missing; run `make meshes`, or name the folder with --meshes\n"
+    )
+    assert not (tmp_path / "out").exists()
 
 
 def test_quick_ablation_writes_its_files(crease: Run, tmp_path: Path) -> None:
@@ -121,7 +215,7 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
         "--exact",
         ROOT / "tests/golden/exact",
     )
-    write_points(
+    write_records(
         tmp_path / "peers.csv",
         [replace(OURS, scene="edge90_cube", group="rival library", label="peer")],
     )

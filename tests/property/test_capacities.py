@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crease.bench.program import CORE
 from property_scenes import NAMES, ROOT, SEED, as_path, pair, poses_near
 
 FLAGS = [
@@ -27,18 +28,6 @@ BUILDS = {
 }
 OVERFLOWS = {"clusters", "lookups", "all"}
 """Builds that must overflow in the scenes below; the others may."""
-STAGES = (
-    "scene",
-    "field",
-    "coverage",
-    "detect",
-    "zones",
-    "respond",
-    "depth",
-    "split",
-    "published",
-    "tick",
-)
 POSES = 80
 
 
@@ -50,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def build(folder: Path, name: str) -> Path:
     """The program with these capacities, under sanitizers."""
     program = folder / name
-    stages = [ROOT / f"firmware/{s}.c" for s in STAGES]
+    stages = [ROOT / f"firmware/{s}.c" for s in CORE]
     checks = [ROOT / f"tests/check/{name}.c" for name in ("capacities", "blob")]
     sources = [*checks, ROOT / "host/native/replay.c", *stages]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]

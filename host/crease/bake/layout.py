@@ -51,6 +51,20 @@ GROUP = record("cr_img_group")
 HEADER = record("cr_img_header")
 SECTION = record("cr_img_section")
 
+RECORDS = {
+    int(lib.CR_SEC_META): META,
+    int(lib.CR_SEC_BRICKS): BRICK,
+    int(lib.CR_SEC_KINDS): KIND,
+    int(lib.CR_SEC_FACETS): FACET,
+    int(lib.CR_SEC_PAIRS): PAIR,
+    int(lib.CR_SEC_EDGES): EDGE,
+    int(lib.CR_SEC_CLUSTERS): CLUSTER,
+    int(lib.CR_SEC_SUMS): SUM,
+    int(lib.CR_SEC_GROUPS): GROUP,
+    int(lib.CR_SEC_ADJ): NEIGHBOUR,
+}
+"""Record of each section that holds records; the others hold whole numbers."""
+
 LANES = int(lib.CR_LANES)
 ALIGN = int(lib.CR_IMG_ALIGN)
 CELLS_SIDE = int(lib.CR_CELLS_SIDE)
@@ -93,6 +107,17 @@ def pack(sections: dict[int, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
         image[start : start + data.nbytes] = data.view(np.uint8).reshape(-1)
     seal(image)
     return image
+
+
+def read_sections(image: npt.NDArray[np.uint8]) -> dict[int, npt.NDArray[Any]]:
+    """The sections of a valid image, as `pack` takes them: records of RECORDS, else raw elements of their size."""
+    count = int(image[: HEADER.itemsize].view(HEADER)[0]["section_count"])
+    table = image[HEADER.itemsize : HEADER.itemsize + count * SECTION.itemsize].view(SECTION)
+    sections = {}
+    for key, offset, length, stride in table.tolist():
+        part = image[offset : offset + length * stride]
+        sections[key] = part.view(RECORDS.get(key, np.dtype((np.void, stride))))
+    return sections
 
 
 def seal(image: npt.NDArray[np.uint8]) -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
+import os
 import re
 import shutil
 import subprocess
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-import crease
-from crease.native import COVERAGES, RESPONSES
+from crease.bench.program import COUNTED, build, words_for
+from crease.errors import CreaseError
 from crease.replay import ReplayOptions, World, run_path
 from crease.scene import Scene
 from crease.trajectory import Trajectory
@@ -50,47 +53,35 @@ def cost_of(scene: Scene, path: Trajectory, options: ReplayOptions, repeat: int)
     )
 
 
-def counter(folder: Path) -> Path | None:
-    """A program that replays a path, built for valgrind (no vectors beyond SSE2).   Output: None without the tools."""
-    root = Path(crease.__file__).resolve().parents[2]
-    source = root / "tests" / "check" / "replay_hash.c"
-    if not (shutil.which("valgrind") and shutil.which("cc") and source.exists()):
-        return None
-    program = folder / "replay_hash"
-    files = [source, root / "host/native/replay.c", *sorted((root / "firmware").glob("*.c"))]
-    files += sorted((root / "firmware" / "rivals").glob("*.c"))
-    flags = ["-std=c11", "-D_POSIX_C_SOURCE=200809L", "-DCR_RIVALS", "-O2", "-ffp-contract=off"]
-    folders = [f"-I{root / name}" for name in ("firmware", "host/native")]
-    done = subprocess.run(
-        ["cc", *flags, "-fno-math-errno", *folders, *map(str, files), "-lm", "-o", str(program)],
-        capture_output=True,
-        check=False,
-    )
-    return program if done.returncode == 0 else None
+def instructions(cases: list[tuple[Scene, Trajectory, ReplayOptions]]) -> list[float]:
+    """Mean instructions of a tick in contact, all skips on, for each case.
+
+    Output: NaN where nothing touches, and everywhere without valgrind.   Errors: CreaseError when the program cannot
+    be built.   Cost: some seconds a case, as many at once as there are cores.
+    """
+    if shutil.which("valgrind") is None:
+        return [math.nan] * len(cases)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
+        program = build(Path(folder) / "replay_path", COUNTED)
+        return list(pool.map(lambda case: _count(program, *case), cases))
 
 
-def instructions(
-    program: Path | None, scene: Scene, path: Trajectory, options: ReplayOptions
-) -> float:
-    """Mean instructions of a tick in contact, all skips on; NaN without valgrind.   Cost: some seconds."""
-    if program is None:
-        return float("nan")
-    rows = run_path(scene, path, options)
-    touching = np.flatnonzero(rows["contacts"] > 0)
+def _count(program: Path, scene: Scene, path: Trajectory, options: ReplayOptions) -> float:
+    touching = np.flatnonzero(run_path(scene, path, options)["contacts"] > 0)
     if not len(touching):
-        return float("nan")
+        return math.nan
     # Runs of neighbouring poses: coherence between ticks is part of the cost.
     start = touching[np.linspace(0, len(touching) - 1, CALLGRIND_TICKS // 20).astype(int)]
     chosen = np.unique((start[:, None] + np.arange(20)).clip(max=len(path) - 1))
-    with tempfile.TemporaryDirectory() as folder:
-        image, poses = Path(folder) / "scene.crs", Path(folder) / "path.bin"
-        image.write_bytes(scene.image.tobytes())
-        poses.write_bytes(np.ascontiguousarray(path.rows[chosen]).tobytes())
-        words = [image, poses, RESPONSES[options.response], COVERAGES[options.coverage], 7]
+    with tempfile.TemporaryDirectory() as name:
+        words = words_for(program, Path(name), scene.image, path.rows[chosen], options)
         done = subprocess.run(
-            ["valgrind", "--tool=callgrind", "--toggle-collect=cr_tick",
-             f"--callgrind-out-file={folder}/out", str(program), *map(str, words)],
+            ["valgrind", "--tool=callgrind", "--toggle-collect=cr_tick", f"--callgrind-out-file={name}/out", *words],
             capture_output=True, text=True, check=False,
         )  # fmt: skip
     found = re.search(r"Collected : (\d+)", done.stderr)
-    return int(found[1]) / len(chosen) if found and done.returncode == 0 else float("nan")
+    if found is None or done.returncode != 0:
+        raise CreaseError(
+            f"valgrind: counting {scene.source} failed: {(done.stderr.splitlines() or ['no reason'])[-1]}"
+        )
+    return int(found[1]) / len(chosen)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from crease.errors import CreaseError
 from crease.mesh import Mesh, load_mesh
 from crease.scene import Scene, open_scene
+from crease.scenes import is_newer
 from crease.table import write_atomic, write_bytes, write_table
 from crease.trajectory import Trajectory, load_trajectory
 
@@ -87,7 +88,10 @@ class Setup:
         return Trajectory(np.ascontiguousarray(whole.rows[:: self.every]), whole.source)
 
     def scene(self, static: str, tool: str, voxel_mm: float, spacing_mm: float) -> Scene:
-        """The image of two meshes: an image already baked when it is of the same meshes, else baked into out/images."""
+        """The image of two meshes: one that is there and of the same meshes, else baked into out/images.
+
+        Images in out/images that are older than the code that bakes are baked again; the others are `make scenes`'s.
+        """
         key = (static, tool, voxel_mm, spacing_mm)
         if key not in self._scenes:
             self._scenes[key] = self._find_or_bake(static, tool, voxel_mm * MM, spacing_mm * MM)
@@ -98,8 +102,9 @@ class Setup:
 
         meshes = self.mesh(static), self.mesh(tool)
         own = self.out / "images" / f"{static}-{tool}-{voxel_m / MM:g}-{spacing_m / MM:g}.crs"
-        for image in (own, *sorted(self.images.glob("*.crs"))):
-            if image.exists() and _is_of(image, meshes, voxel_m, spacing_m):
+        candidates = [*([own] if is_newer(own) else []), *sorted(self.images.glob("*.crs"))]
+        for image in candidates:
+            if _is_of(image, meshes, voxel_m, spacing_m):
                 return open_scene(image)
         own.parent.mkdir(exist_ok=True)
         options = BakeOptions(voxel_m=voxel_m, spacing_m=spacing_m)

@@ -7,7 +7,15 @@ from pathlib import Path
 
 from crease.bench import NAMES, run_bench
 from crease.errors import CreaseError
-from crease.verbs.common import SubParsers, add_force, whole
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_inputs,
+    check_folder,
+    check_inputs,
+    make_folder,
+    whole,
+)
 
 QUICK_EVERY, QUICK_REPEAT = 8, 3
 
@@ -16,8 +24,9 @@ def add_parser(sub: SubParsers) -> None:
     """The command line of the verb."""
     parser = sub.add_parser(
         "bench",
-        help="run time against error, scaling, ablation",
+        help="run time against error, precision, scaling, ablation",
         description="pareto: time and error over voxel size, sample spacing, tessellation, coverage and response. "
+        "precision: float32 against double. "
         "scaling: scenes and shells from 1k to 1M. ablation: each level of skipping switched off. "
         "Images that are not baked yet are baked into DIR/images.",
     )
@@ -26,14 +35,14 @@ def add_parser(sub: SubParsers) -> None:
     )
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder")
     parser.add_argument("--quick", action="store_true", help="a part of it, in seconds")
-    for option, default, about in (
-        ("--meshes", "build/meshes", "meshes and paths as `make meshes` makes them"),
-        ("--images", "build/scenes", "images of these meshes that are there already"),
-        ("--exact", "tests/golden/exact", "exact tables of the paths"),
-    ):
-        parser.add_argument(
-            option, metavar="DIR", type=Path, default=Path(default), help=f"{about} ({default})"
-        )
+    add_inputs(parser)
+    parser.add_argument(
+        "--exact",
+        metavar="DIR",
+        type=Path,
+        default=Path("tests/golden/exact"),
+        help="exact tables of the paths (tests/golden/exact)",
+    )
     parser.add_argument(
         "--peers",
         metavar="FILE",
@@ -54,16 +63,15 @@ def run(args: argparse.Namespace) -> None:
     from crease.table import write_bytes
 
     out: Path = args.output
-    if out.exists() and not out.is_dir():
-        raise CreaseError(f"{out}: is a file; name a folder")
+    check_folder(out)
     names = NAMES if args.name == "all" else (args.name,)
     there = [out / f"{name}.txt" for name in names if (out / f"{name}.txt").exists()]
     if there and not args.force:
         raise CreaseError(f"{there[0]}: exists already; give --force to replace it")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
+    # The meshes of scaling are made on the way.
+    if names != ("scaling",):
+        check_inputs(args)
+    make_folder(out)
     every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
     setup = BenchSetup(
         args.meshes, args.images, out, every, repeat,

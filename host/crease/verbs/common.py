@@ -7,9 +7,10 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeAlias
 
-from crease.errors import UnitError
+from crease.errors import CreaseError, UnitError
 from crease.units import parse_length, parse_unit
 
 SubParsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -51,6 +52,58 @@ def whole(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"'{text}' is not a whole number of 1 or more")
     return int(text)
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """SCENE.crs: the image of the scene."""
+    parser.add_argument(
+        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
+    )
+
+
+def add_stiffness(parser: argparse.ArgumentParser) -> None:
+    """--stiffness: of the contact."""
+    parser.add_argument(
+        "--stiffness",
+        metavar="N/m",
+        type=number(0.0, 1e6),
+        default=1000.0,
+        help="0 to 1e6 (default: 1000)",
+    )
+
+
+def add_inputs(parser: argparse.ArgumentParser) -> None:
+    """--meshes, --images: what `make meshes` and `make scenes` make."""
+    parser.add_argument(
+        "--meshes", metavar="DIR", type=Path, default=Path("build/meshes"),
+        help="meshes and paths as `make meshes` makes them (build/meshes)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--images", metavar="DIR", type=Path, default=Path("build/scenes"),
+        help="images of these meshes that are there already (build/scenes)",
+    )  # fmt: skip
+
+
+def check_inputs(args: argparse.Namespace) -> None:
+    """Errors: CreaseError when the folder of meshes is missing."""
+    if not args.meshes.is_dir():
+        raise CreaseError(
+            f"{args.meshes}: is missing; run `make meshes`, or name the folder with --meshes"
+        )
+
+
+def check_folder(out: Path) -> None:
+    """Errors: CreaseError when the folder for outputs is a file."""
+    if out.exists() and not out.is_dir():
+        raise CreaseError(f"{out}: is a file; name a folder")
+
+
+def make_folder(out: Path) -> None:
+    """The folder for outputs.   Errors: CreaseError when it cannot be made."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,15 @@ from pathlib import Path
 from crease.errors import CreaseError
 from crease.experiment import NAMES, run_experiment
 from crease.experiment.setup import Setup
-from crease.verbs.common import SubParsers, add_force, whole
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_inputs,
+    check_folder,
+    check_inputs,
+    make_folder,
+    whole,
+)
 
 REPORT = "report.html"
 
@@ -27,14 +35,7 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the files"
     )
-    parser.add_argument(
-        "--meshes", metavar="DIR", type=Path, default=Path("build/meshes"),
-        help="meshes and paths as `make meshes` makes them (build/meshes)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--images", metavar="DIR", type=Path, default=Path("build/scenes"),
-        help="images of these meshes that are there already (build/scenes)",
-    )  # fmt: skip
+    add_inputs(parser)
     parser.add_argument(
         "--every", metavar="N", type=whole, default=1, help="only each N-th pose, for a quick look"
     )
@@ -56,16 +57,13 @@ def run(args: argparse.Namespace) -> None:
 
     out: Path = args.output
     names = NAMES if args.name == "all" else (args.name,)
-    if out.exists() and not out.is_dir():
-        raise CreaseError(f"{out}: is a file; name a folder")
+    check_folder(out)
     if out.exists() and any(p.name != "images" for p in out.iterdir()) and not args.force:
         raise CreaseError(
             f"{out}: holds files already; give --force to replace them, or name another folder"
         )
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
+    check_inputs(args)
+    make_folder(out)
     setup = Setup(args.meshes, args.images, out, args.every, args.repeat)
     results = []
     for name in names:

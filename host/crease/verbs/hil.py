@@ -17,7 +17,8 @@ from crease.verbs.common import (
     SubParsers,
     add_force,
     add_json,
-    number,
+    add_scene,
+    add_stiffness,
     print_json,
     print_lines,
     warn,
@@ -33,9 +34,7 @@ def add_parser(sub: SubParsers) -> None:
         "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. "
         "socketcan: `creased` and `crease sim` on a real interface.",
     )
-    parser.add_argument(
-        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
-    )
+    add_scene(parser)
     parser.add_argument(
         "--operator",
         metavar="PATH.csv",
@@ -83,13 +82,7 @@ def add_parser(sub: SubParsers) -> None:
         default=[],
         help="as for `crease sim`; repeatable (in process)",
     )
-    parser.add_argument(
-        "--stiffness",
-        metavar="N/m",
-        type=number(0.0, 1e6),
-        default=1000.0,
-        help="0 to 1e6 (default: 1000)",
-    )
+    add_stiffness(parser)
     parser.add_argument(
         "--response",
         metavar="NAME",

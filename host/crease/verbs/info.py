@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from crease.scene import open_scene
 from crease.units import format_length
-from crease.verbs.common import SubParsers, add_json, print_json, print_lines
+from crease.verbs.common import SubParsers, add_json, add_scene, print_json, print_lines
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -19,9 +18,7 @@ def add_parser(sub: SubParsers) -> None:
         description="Check a scene image as the firmware does, and tell what it holds: meshes, creases, distances "
         "and their error, samples of the tool.",
     )
-    parser.add_argument(
-        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
-    )
+    add_scene(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 

@@ -20,6 +20,8 @@ from crease.verbs.common import (
     SubParsers,
     add_force,
     add_json,
+    add_scene,
+    add_stiffness,
     number,
     print_json,
     print_lines,
@@ -35,9 +37,7 @@ def add_parser(sub: SubParsers) -> None:
         description="Run the firmware's tick along a path and keep what every tick answered. A recording (.crr) "
         "runs again with the settings it was made with, and is compared to the bit.",
     )
-    parser.add_argument(
-        "scene", metavar="SCENE.crs", type=Path, help="the image, from `crease bake`"
-    )
+    add_scene(parser)
     parser.add_argument(
         "path",
         metavar="PATH",
@@ -52,13 +52,7 @@ def add_parser(sub: SubParsers) -> None:
         required=True,
         help="the table, CSV or NPZ by suffix",
     )
-    parser.add_argument(
-        "--stiffness",
-        metavar="N/m",
-        type=number(0.0, 1e6),
-        default=1000.0,
-        help="0 to 1e6 (default: 1000)",
-    )
+    add_stiffness(parser)
     parser.add_argument(
         "--damping",
         metavar="Ns/m",

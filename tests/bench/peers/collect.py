@@ -12,7 +12,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from crease.bench.pareto import Point, write_points
+from crease.bench.points import Point, write_records
 from crease.bench.setup import exact_force_N, read_exact
 from crease.measures import DEEP_M, angle_deg, compare
 from crease.trajectory import load_trajectory
@@ -63,7 +63,7 @@ def main() -> None:
              "direction p50, deg", "p99, deg", "silent")  # fmt: skip
     print(f"| {' | '.join(heads)} |")
     print("|---|---|---|---|---|---|---|---|---|")
-    write_points(args.out, [point_of(file) for file in sorted(args.raw.glob("*.npz"))])
+    write_records(args.out, [point_of(file) for file in sorted(args.raw.glob("*.npz"))])
 
 
 if __name__ == "__main__":

@@ -1,30 +1,34 @@
-/* ODE and libccd asked for the contact of two meshes, pose by pose: loaded by query.py.
- *
- * Answers  for each pose seven doubles: depth-weighted mean normal, out of the static object (3); depth of the deepest contact; contacts;
- *          least time of `repeat` queries in us; unused.
- * Shapes   vertices [count][3] double, triangles [count][3] int, poses [count][7]: x y z, quaternion w x y z. */
+/* ODE and libccd (peers.h). */
+#include "peers.h"
+
 #include <ccd/ccd.h>
 #include <math.h>
 #include <ode/ode.h>
+#include <stdarg.h>
 #include <stdlib.h>
-#include <time.h>
 
 #define CONTACTS_MAX 1024
 
-typedef struct {
-    const double *vertices;
-    int vertex_count;
-    const int *triangles;
-    int triangle_count;
-} mesh;
-
-static double now_us(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
+void peers_add(peers_contacts *c, const double normal[3], double depth) {
+    for (int k = 0; k < 3; k++) {
+        c->normal_sum[k] += depth * normal[k];
+    }
+    c->deepest = fmax(c->deepest, depth);
+    c->count++;
 }
 
-static dGeomID make_ode(const mesh *m, dTriIndex *index) {
+void peers_answer(const peers_contacts *c, double least_us, double *out) {
+    const double *s = c->normal_sum;
+    const double length = sqrt(s[0] * s[0] + s[1] * s[1] + s[2] * s[2]);
+    for (int k = 0; k < 3; k++) {
+        out[k] = length > 0.0 ? s[k] / length : 0.0;
+    }
+    out[3] = c->deepest;
+    out[4] = (double)c->count;
+    out[5] = least_us;
+}
+
+static dGeomID make_ode(const peers_mesh *m, dTriIndex *index) {
     for (int i = 0; i < 3 * m->triangle_count; i++) {
         index[i] = (dTriIndex)m->triangles[i];
     }
@@ -34,25 +38,18 @@ static dGeomID make_ode(const mesh *m, dTriIndex *index) {
     return dCreateTriMesh(0, data, NULL, NULL, NULL);
 }
 
-static void reduce(const dContactGeom *contact, int count, double *out) {
-    double sum[3] = {0.0, 0.0, 0.0}, deepest = 0.0;
-    for (int i = 0; i < count; i++) {
-        for (int k = 0; k < 3; k++) {
-            sum[k] += contact[i].depth * contact[i].normal[k];
-        }
-        deepest = fmax(deepest, contact[i].depth);
-    }
-    const double length = sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-    for (int k = 0; k < 3; k++) {
-        out[k] = length > 0.0 ? sum[k] / length : 0.0;
-    }
-    out[3] = deepest;
-    out[4] = (double)count;
+/* ODE tells on stderr, within the query, that its table of near contacts is full: none is lost, some are told twice. */
+static void stay_silent(int number, const char *text, va_list words) {
+    (void)number;
+    (void)text;
+    (void)words;
 }
 
-void peers_ode(const mesh *fixed, const mesh *tool, const double *poses, int count, int repeat, double *out) {
+void peers_ode(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
+               double *out) {
     static dContactGeom contact[CONTACTS_MAX];
     dInitODE2(0);
+    dSetMessageHandler(stay_silent);
     dTriIndex *index[2] = {malloc(sizeof(dTriIndex) * 3 * (size_t)fixed->triangle_count),
                            malloc(sizeof(dTriIndex) * 3 * (size_t)tool->triangle_count)};
     dGeomID a = make_ode(tool, index[1]), b = make_ode(fixed, index[0]);
@@ -62,14 +59,18 @@ void peers_ode(const mesh *fixed, const mesh *tool, const double *poses, int cou
         double least_us = 1e30;
         int found = 0;
         for (int r = 0; r < repeat; r++) {
-            const double start_us = now_us();
+            const double start_us = peers_now_us();
             dGeomSetPosition(a, p[0], p[1], p[2]);
             dGeomSetQuaternion(a, q);
             found = dCollide(a, b, CONTACTS_MAX, contact, (int)sizeof(dContactGeom));
-            least_us = fmin(least_us, now_us() - start_us);
+            least_us = fmin(least_us, peers_now_us() - start_us);
         }
-        reduce(contact, found, out + 7 * i);
-        out[7 * i + 5] = least_us;
+        peers_contacts contacts = {{0.0, 0.0, 0.0}, 0.0, 0};
+        for (int c = 0; c < found; c++) {
+            const double normal[3] = {contact[c].normal[0], contact[c].normal[1], contact[c].normal[2]};
+            peers_add(&contacts, normal, contact[c].depth);
+        }
+        peers_answer(&contacts, least_us, out + PEERS_ANSWER * i);
     }
     dGeomDestroy(a);
     dGeomDestroy(b);
@@ -79,7 +80,7 @@ void peers_ode(const mesh *fixed, const mesh *tool, const double *poses, int cou
 }
 
 typedef struct {
-    const mesh *m;
+    const peers_mesh *m;
     double rot[9], pos[3];
 } body;
 
@@ -114,7 +115,7 @@ static void centre(const void *object, ccd_vec3_t *c) {
     }
 }
 
-static body placed(const mesh *m, const double *p) {
+static body placed(const peers_mesh *m, const double *p) {
     const double w = p[3], x = p[4], y = p[5], z = p[6];
     const body b = {m,
                     {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), 2 * (x * y + w * z),
@@ -124,8 +125,8 @@ static body placed(const mesh *m, const double *p) {
     return b;
 }
 
-/* Both meshes have to be convex, and hold only the corners of their hulls. */
-void peers_ccd(const mesh *fixed, const mesh *tool, const double *poses, int count, int repeat, double *out) {
+void peers_ccd(const peers_mesh *fixed, const peers_mesh *tool, const double *poses, int count, int repeat,
+               double *out) {
     static const double still[7] = {0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0};
     const body a = placed(fixed, still);
     ccd_t ccd;
@@ -141,15 +142,15 @@ void peers_ccd(const mesh *fixed, const mesh *tool, const double *poses, int cou
         ccd_vec3_t dir = {{0, 0, 0}}, at;
         int miss = -1;
         for (int r = 0; r < repeat; r++) {
-            const double start_us = now_us();
+            const double start_us = peers_now_us();
             miss = ccdMPRPenetration(&a, &b, &ccd, &depth, &dir, &at);
-            least_us = fmin(least_us, now_us() - start_us);
+            least_us = fmin(least_us, peers_now_us() - start_us);
         }
-        for (int k = 0; k < 3; k++) {
-            out[7 * i + k] = miss ? 0.0 : (double)dir.v[k];
+        peers_contacts contacts = {{0.0, 0.0, 0.0}, 0.0, 0};
+        if (miss == 0) {
+            const double normal[3] = {dir.v[0], dir.v[1], dir.v[2]};
+            peers_add(&contacts, normal, depth);
         }
-        out[7 * i + 3] = miss ? 0.0 : (double)depth;
-        out[7 * i + 4] = miss ? 0.0 : 1.0;
-        out[7 * i + 5] = least_us;
+        peers_answer(&contacts, least_us, out + PEERS_ANSWER * i);
     }
 }

@@ -1,10 +1,11 @@
 """Rival libraries asked for the contact of two meshes, pose by pose. Runs in the environment of `make bench-peers`.
 
-    python query.py MESHES OUT [--every N] [--repeat N] --library LIBPEERS.so
+    python query.py TABLE MESHES OUT [--every N] [--repeat N] --library LIBPEERS.so SCENE...
 
 Writes OUT/LIBRARY-PATH.npz: normal (n, 3), out of the static object; depth_m (n,); time_us (n,), least of `repeat`;
 which rows of the path. A library with several contacts answers with the deepest depth, along the mean of the normals
-weighted by depth. A library that is missing or refuses is said, with its reason, in OUT/missing.json.
+weighted by depth. A library that is missing, refuses or takes convex bodies only is said, with its reason, in
+OUT/missing.json.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import ctypes
 import json
 import time
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,15 +23,15 @@ import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull
 
-PATHS = {
-    "edge90_cube": ("block45k", "cube60_2700"),
-    "edge90_sphere": ("block45k", "sphere50"),
-}
-QUERY_MAX_US = 1e6
-"""A library that needs longer is left out, and said so."""
+QUERY_MAX_US = 3e5
+"""A library that needs longer for a query is left out, and said so."""
 
 Answer = tuple[np.ndarray, float, float]
 """Normal, depth in m, time in us."""
+
+
+CONVEX_SHARE = 0.999
+"""A mesh that fills this share of its hull is convex, but for rounding."""
 
 
 class Body:
@@ -41,7 +43,14 @@ class Body:
         self.file = file
         self.vertices = np.ascontiguousarray(loaded.vertices * 1e-3, dtype=np.float64)
         self.triangles = np.ascontiguousarray(loaded.faces, dtype=np.int32)
-        self.hull = np.ascontiguousarray(self.vertices[ConvexHull(self.vertices).vertices])
+        hull = ConvexHull(self.vertices)
+        self.hull = np.ascontiguousarray(self.vertices[hull.vertices])
+        self.is_convex = bool(loaded.volume * 1e-9 > CONVEX_SHARE * hull.volume)
+
+    def must_be_convex(self) -> None:
+        """For libraries that take hulls.   Errors: ValueError."""
+        if not self.is_convex:
+            raise ValueError(f"takes convex bodies only, and {self.file.name} is not")
 
 
 def reduce_contacts(normals: np.ndarray, depths: np.ndarray) -> tuple[np.ndarray, float]:
@@ -167,10 +176,11 @@ def run_mujoco(fixed: Body, tool: Body, poses: np.ndarray, repeat: int) -> list[
     return out
 
 
-def run_bullet(fixed: Body, tool: Body, poses: np.ndarray, repeat: int) -> list[Answer]:
+def run_bullet_hull(fixed: Body, tool: Body, poses: np.ndarray, repeat: int) -> list[Answer]:
     """Bullet through pybullet: the static triangle mesh against the tool's convex hull."""
     import pybullet
 
+    tool.must_be_convex()
     client = pybullet.connect(pybullet.DIRECT)
     shapes = [
         pybullet.createCollisionShape(
@@ -213,6 +223,8 @@ def from_c(function: Any, hulls: bool) -> Callable[..., list[Answer]]:
     def run(fixed: Body, tool: Body, poses: np.ndarray, repeat: int) -> list[Answer]:
         structs = []
         for body in (fixed, tool):
+            if hulls:
+                body.must_be_convex()
             v = body.hull if hulls else body.vertices
             structs.append(
                 MeshStruct(v.ctypes.data, len(v), body.triangles.ctypes.data, len(body.triangles))
@@ -236,22 +248,26 @@ def from_c(function: Any, hulls: bool) -> Callable[..., list[Answer]]:
 def main() -> None:
     """Command line: see the top of the file."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("table", type=Path, help="meshes/scenes.toml")
     parser.add_argument("meshes", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("scenes", nargs="+", metavar="SCENE")
     parser.add_argument("--every", type=int, default=40)
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--library", type=Path, required=True, help="peers.c as a shared library")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
+    table = tomllib.loads(args.table.read_text(encoding="utf-8"))
     native = ctypes.CDLL(str(args.library.resolve()))
     libraries: dict[str, Callable[..., list[Answer]]] = {
         "ODE": from_c(native.peers_ode, False), "libccd": from_c(native.peers_ccd, True),
-        "MuJoCo SDF": run_mujoco, "FCL": run_fcl, "Coal": run_coal, "Bullet": run_bullet,
+        "Bullet GImpact": from_c(native.peers_gimpact, False), "Bullet hull": run_bullet_hull,
+        "MuJoCo SDF": run_mujoco, "FCL": run_fcl, "Coal": run_coal,
     }  # fmt: skip
     missing = {}
-    for path, (static, tool) in PATHS.items():
+    for path in args.scenes:
         rows = np.loadtxt(args.meshes / f"{path}.csv", delimiter=",", skiprows=1)[:: args.every]
-        bodies = [Body(args.meshes / f"{name}.stl") for name in (static, tool)]
+        bodies = [Body(args.meshes / table[path][name]) for name in ("static", "tool")]
         for name, library in libraries.items():
             try:
                 found = library(*bodies, rows[:, 1:8], args.repeat)

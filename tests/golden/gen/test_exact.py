@@ -172,6 +172,21 @@ def test_committed_table_is_what_the_program_computes(built: Path, name: str) ->
         assert row == pytest.approx(table[i], rel=1e-5, abs=2e-5)
 
 
+def test_the_stylus_feels_what_a_point_feels() -> None:
+    """Its tip against floor and wall, in closed form: depth below z = 0 and beyond x = 20 mm, in a convex room."""
+    with gzip.open(HERE.parent / "exact" / SCENES["groove_stylus"]["exact"], "rt") as stream:
+        table = np.loadtxt(stream, delimiter=",", skiprows=1)
+    tip, _ = scene_paths.PATHS["groove_stylus"]()
+    point = np.zeros((len(tip), 3))
+    point[:, 0] = np.minimum(0.0, 20.0 - tip[:, 0])
+    point[:, 2] = np.maximum(0.0, -tip[:, 2])
+    off = np.linalg.norm(table[:, 1:4] - point, axis=1)
+    assert (np.count_nonzero(point, axis=1) == 2).sum() > 100
+    # Where the tip leaves the corner a plane ends beside the cone for a few ticks, less than 0.05 mm below it.
+    assert off.max() < 0.05
+    assert (off > 2e-6).sum() <= 10
+
+
 @pytest.mark.parametrize(
     "name", sorted({scene["path"].removesuffix(".csv") for scene in SCENES.values()})
 )
