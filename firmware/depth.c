@@ -22,18 +22,19 @@ static cr_vec3 spread_times(const struct cr_img_cluster *c, int lane, cr_vec3 v)
               c->wzx[lane] * v.x + c->wyz[lane] * v.y + c->wzz[lane] * v.z);
 }
 
-/* Where a piece of crease whose end is just outside crosses the static surface: the way down is along W g, W the second moment of
- * the piece, which points along it. Returns 0 when that is further than the piece reaches. */
+/* Where a piece of crease that is just outside at p crosses the static surface: the way down is along W g, W the second moment of
+ * the piece, which points along it. Returns 0 when that is beyond an end of the piece. */
 static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,
                            cr_vec3 *p_world) {
     cr_vec3 g = xform_unrotate(pose, v3(at->gx[lane], at->gy[lane], at->gz[lane]));
     cr_vec3 way = spread_times(c, lane, g);
-    float fall = v3_dot(way, g), phi = at->phi_m[lane], reach = c->reach[lane];
-    if (!(phi * phi * v3_dot(way, way) < reach * reach * fall * fall)) {
+    float fall = v3_dot(way, g), reach = c->reach[lane];
+    if (!(fall > 0.0f)) {
         return 0;
     }
-    *p_world = v3_mad(*p_world, xform_rotate(pose, way), -phi / fall);
-    return 1;
+    *p_world = v3_mad(*p_world, xform_rotate(pose, way), -at->phi_m[lane] / fall);
+    cr_vec3 off = v3_sub(*p_world, xform_point(pose, v3(c->x[lane], c->y[lane], c->z[lane])));
+    return v3_dot(off, off) <= reach * reach;
 }
 
 /* Lowest point along n of a straight piece of crease, as far as it is inside: an end, or where it crosses the surface. */

@@ -15,18 +15,17 @@
 #define SPREAD_REACH 2.5f
 /* Rounding of heights near the origin; elsewhere it grows with the offset. */
 #define ROUNDING_M 1e-8f
-/* Share of closed surface below which an area has no direction: the tool is wholly inside. */
+/* Share of an area, and of what a group of zones touches, below which what the zones explain of its vector gives no direction: the
+ * tool is wholly inside, or through a plate whose faces balance. The answer fades. */
 #define OPEN_MIN 0.01f
-/* What is left of the zones' vectors when they work against each other, as a share of their lengths, below which the answer
- * fades: a tool through a plate touches both faces as one area, and where they balance there is no way out. Two faces of an edge
- * sharper than 12 degrees may come below it. */
-#define LEFT_MIN 0.1f
+/* Part of a sample, or of what is touched in all when that is less, from which on a zone's plane bounds the overlap where it is. */
+#define SEEN_WELL 0.25f
 
-/* A zone's part in the contact plane: generator vector (length = area) and offset of its plane times that length. */
+/* A zone's part in the contact plane: weight, generator vector of weight 1 (near unit length) and its plane. */
 typedef struct {
-    cr_vec3 vector_m2[CR_ZONES_MAX];
-    float offset_m3[CR_ZONES_MAX];
     float alpha[CR_ZONES_MAX];
+    cr_vec3 toward[CR_ZONES_MAX];
+    float offset_m[CR_ZONES_MAX];
 } weights;
 
 /* Cone decomposition: s = sum alpha_i n_i, alpha_i >= 0, least squares. Where zones are dependent (parallel, or more than three)
@@ -163,10 +162,9 @@ static void make_generators(const cr_respond_input *in, uint32_t area, const cr_
     float part = room > 0.0f ? min_f(1.0f, room / max_f(length, 1e-20f)) / room : 0.0f;
     for (uint32_t i = 0; i < a->zone_count; i++) {
         const cr_zone *zone = &a->zones[i];
-        float bend = part * w->alpha[i] * a->shapes[i].spread_rad * SPREAD_REACH;
-        w->vector_m2[i] = v3_mad(v3_scale(zone->normal_world, w->alpha[i]), left, bend);
-        w->offset_m3[i] =
-            a->shapes[i].curved ? support_of_zone(in, area, zone, w->vector_m2[i]) : w->alpha[i] * zone->offset_m;
+        float bend = part * a->shapes[i].spread_rad * SPREAD_REACH;
+        w->toward[i] = v3_mad(zone->normal_world, left, bend);
+        w->offset_m[i] = a->shapes[i].curved ? support_of_zone(in, area, zone, w->toward[i]) : zone->offset_m;
     }
 }
 
@@ -211,17 +209,75 @@ static float top_of_zones(const cr_respond_input *in, const cr_area_work *a, con
     return top + in->field->scene->meta->spacing_m;
 }
 
+/* Planes of the zones of a group, from a point near them. A zone that few samples see cuts less: its plane stands off, so that it comes
+ * and goes from afar. No plane cuts off what another zone touches: that would be a corner that is not convex. */
+static uint32_t planes_of_group(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share,
+                                cr_vec3 from, cr_plane *planes) {
+    float seen = 0.0f, part[CR_ZONES_MAX], h = in->field->scene->meta->spacing_m;
+    uint32_t count = 0u;
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        seen += a->zones[i].area_m2;
+    }
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        part[i] = min_f(1.0f, a->zones[i].area_m2 * share[i] / (SEEN_WELL * min_f(h * h, seen)));
+    }
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        float length = v3_norm(w->toward[i]), above = 0.0f;
+        if (!(part[i] > 0.0f && length > 0.0f)) {
+            continue;
+        }
+        cr_plane *p = &planes[count++];
+        p->normal = v3_scale(w->toward[i], 1.0f / length);
+        p->offset_m = w->offset_m[i] / length - v3_dot(p->normal, from);
+        for (uint32_t k = 0; k < a->zone_count; k++) {
+            float over = v3_dot(p->normal, v3_sub(a->zones[k].centre_world_m, from)) - p->offset_m;
+            above = max_f(above, part[k] * over);
+        }
+        p->offset_m += above + h * (1.0f / part[i] - 1.0f);
+    }
+    return count;
+}
+
+/* Do the weights of the zones depend on each other? More than two may, and two that face each other: the faces of a plate. */
+static int zones_depend(const cr_area_work *a) {
+    return a->zone_count > 2u || (a->zone_count == 2u && dot_zone(a, 0u, a->zones[1].normal_world) < -0.9f);
+}
+
+/* Height along n of the contact plane, at most that of the highest point behind the planes of all zones: where the weights depend on each
+ * other many are right, and the planes they give lie anywhere above the end of the overlap. */
+static float end_of_overlap(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share,
+                            cr_vec3 n, float plane_m) {
+    if (!zones_depend(a)) {
+        return plane_m;
+    }
+    cr_plane planes[CR_ZONES_MAX];
+    cr_vec3 from = a->zones[0].centre_world_m;
+    uint32_t count = planes_of_group(in, a, w, share, from, planes);
+    float base = v3_dot(n, from);
+    return base + cr_top_behind(planes, count, n, plane_m - base);
+}
+
+/* Sum of the vectors of all zones of an area: what is left of the reversed tool sum that they can explain. */
+static cr_vec3 out_of_all(const cr_area_work *a, const weights *w) {
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t i = 0; i < a->zone_count; i++) {
+        sum = v3_mad(sum, w->toward[i], w->alpha[i]);
+    }
+    return sum;
+}
+
 /* One group of zones: normal, plane, depth. A shared zone counts once in all: the group answers with the share it holds of its
  * zones, so that it appears with force zero. Returns 0 when it has no direction or no depth. */
 static int answer_group(const cr_respond_input *in, uint32_t index, const cr_area_work *a, const weights *w,
                         const cr_group *part, cr_area *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), whole = sum;
-    float offset = 0.0f, total = 0.0f;
+    float offset = 0.0f, touched = 0.0f;
     for (uint32_t i = 0; i < a->zone_count; i++) {
-        sum = v3_mad(sum, w->vector_m2[i], part->share[i]);
-        total += part->share[i] * v3_norm(w->vector_m2[i]);
-        whole = (part->own >> i) & 1u ? v3_add(whole, w->vector_m2[i]) : whole;
-        offset += w->offset_m3[i] * part->share[i];
+        touched += a->zones[i].area_m2 * part->share[i];
+        float weight = w->alpha[i] * part->share[i];
+        sum = v3_mad(sum, w->toward[i], weight);
+        whole = (part->own >> i) & 1u ? v3_mad(whole, w->toward[i], w->alpha[i]) : whole;
+        offset += w->offset_m[i] * weight;
     }
     float length = v3_norm(sum);
     if (length <= 1e-6f * a->sum.area) {
@@ -229,14 +285,14 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
     out->offset_m = min_f(offset / length, top_of_zones(in, a, part->share, out->normal_world));
+    out->offset_m = end_of_overlap(in, a, w, part->share, out->normal_world, out->offset_m);
     float lowest = cr_lowest(in, index, a, part, out->normal_world, out->offset_m);
-    float open = v3_norm(v3(a->sum.ax, a->sum.ay, a->sum.az)) / (OPEN_MIN * a->sum.area);
+    float open = min_f(v3_norm(out_of_all(a, w)) / a->sum.area, length / touched) / OPEN_MIN;
     float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));
     /* No overlap is deeper than the tool is long. */
     const struct cr_img_meta *meta = in->field->scene->meta;
     float raw_m = min_f(out->offset_m - lowest, 2.0f * min_f(meta->root_radius_m, meta->tool_radius_m));
-    float left = length / (LEFT_MIN * total);
-    out->depth_m = held * raw_m * min_f(1.0f, open) * min_f(1.0f, left);
+    out->depth_m = held * raw_m * min_f(1.0f, open);
     /* Less than the rounding of the two heights is no contact; what is no number goes on and is a fault. */
     if (raw_m <= ROUNDING_M + 2e-7f * abs_f(out->offset_m) || out->depth_m <= 0.0f) {
         return 0;

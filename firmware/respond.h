@@ -26,6 +26,17 @@ uint32_t cr_split(const cr_scene *scene, const cr_area_work *area, const float *
 float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *area, const cr_group *part, cr_vec3 n,
                 float plane_m);
 
+/* n . x = offset; in front of it is outside. */
+typedef struct {
+    cr_vec3 normal;
+    float offset_m;
+} cr_plane;
+
+/* Purpose  highest n . x, m, of the points behind all planes, or best where that is lower or no such height is bounded.
+ * Shapes   unit normals; offsets from a point near the contact, so that small weights of far planes do not matter.
+ * Cost     count choose 3 solutions of 3 equations: 56 for CR_ZONES_MAX. */
+float cr_top_behind(const cr_plane *planes, uint32_t count, cr_vec3 n, float best);
+
 /* Purpose  an area by the method as published, s the reversed tool sum in the world frame.   Output  areas written, 0 or 1. */
 uint32_t cr_answer_as_published(const cr_respond_input *in, uint32_t index, const cr_area_work *area, cr_vec3 s,
                                 cr_area *out);

@@ -1,5 +1,6 @@
 /* Normal, contact plane and depth of contact areas, against closed forms. */
 #include "image_builder.h"
+#include "respond.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -214,6 +215,35 @@ static void respond_plane_of_two_zones_passes_through_their_edge(void **state) {
     }
 }
 
+static cr_plane plane_at(float x, float y, float z, float offset_m) {
+    cr_plane p = {v3(x, y, z), offset_m};
+    return p;
+}
+
+/* Planes of a box: the top along n is the sum of |n_i| half_i; with faces left out, where it is still bounded, the same. */
+static void top_behind_planes_is_that_of_the_box_they_bound(void **state) {
+    (void)state;
+    const cr_plane box[6] = {plane_at(1.0f, 0.0f, 0.0f, 1e-3f), plane_at(-1.0f, 0.0f, 0.0f, 1e-3f),
+                             plane_at(0.0f, 1.0f, 0.0f, 2e-3f), plane_at(0.0f, -1.0f, 0.0f, 2e-3f),
+                             plane_at(0.0f, 0.0f, 1.0f, 3e-3f), plane_at(0.0f, 0.0f, -1.0f, 3e-3f)};
+    uint64_t seed = 5u;
+    for (int k = 0; k < 200; k++) {
+        double x = crt_uniform(&seed, -1.0, 1.0), y = crt_uniform(&seed, -1.0, 1.0), z = crt_uniform(&seed, -1.0, 1.0);
+        double length = sqrt(x * x + y * y + z * z);
+        cr_vec3 n = v3((float)(x / length), (float)(y / length), (float)(z / length));
+        double top = (1e-3 * fabs(x) + 2e-3 * fabs(y) + 3e-3 * fabs(z)) / length;
+        assert_float_equal(cr_top_behind(box, 6u, n, 1.0f), top, 1e-8);
+        /* A lower plane stays as it is. */
+        assert_float_equal(cr_top_behind(box, 6u, n, 1e-4f), 1e-4, 0.0);
+    }
+    cr_vec3 up = v3(0.0f, 0.0f, 1.0f), aslant = v3(0.0f, 0.6f, 0.8f);
+    /* Two faces of a plate; two of an edge; one that n turns away from bounds nothing. */
+    assert_float_equal(cr_top_behind(&box[4], 2u, up, 1.0f), 3e-3, 1e-9);
+    assert_float_equal(cr_top_behind(&box[2], 3u, aslant, 1.0f), 0.6 * 2e-3 + 0.8 * 3e-3, 1e-8);
+    assert_float_equal(cr_top_behind(&box[5], 1u, up, 1.0f), 1.0, 0.0);
+    assert_float_equal(cr_top_behind(&box[0], 4u, aslant, 1.0f), 1.0, 0.0);
+}
+
 static void respond_hard_plane_of_two_zones_passes_through_their_edge(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
@@ -424,6 +454,7 @@ int main(void) {
         cmocka_unit_test(respond_at_an_edge_follows_the_overlap_volume),
         cmocka_unit_test(respond_weights_of_zones_are_areas_inside_the_tool),
         cmocka_unit_test(respond_plane_of_two_zones_passes_through_their_edge),
+        cmocka_unit_test(top_behind_planes_is_that_of_the_box_they_bound),
         cmocka_unit_test(respond_hard_plane_of_two_zones_passes_through_their_edge),
         cmocka_unit_test(respond_plane_of_three_zones_passes_through_their_vertex),
         cmocka_unit_test(respond_direction_is_hard_within_what_counting_gives),
