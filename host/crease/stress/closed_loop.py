@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields, replace
@@ -71,8 +72,31 @@ def linear_setup(response: str, hand: Hand, delay_s: float | None, damping_Ns_m:
     )
 
 
+def delay_ms(job: Job) -> float:
+    """Of sensing, bus and computation together."""
+    return 1e3 * (PERIOD_S if job.delay_s is None else job.delay_s)
+
+
+def cell_file(job: Job) -> Path:
+    """Where a point of the map is kept, so that a map can be stopped and taken up again."""
+    loop = f"{job.hand}-{delay_ms(job):g}ms-{job.damping_Ns_m:g}Nsm"
+    return (
+        job.folder / "cells" / f"{job.response}-{job.case.place.name.replace(' ', '_')}-{loop}.json"
+    )
+
+
 def work(job: Job) -> Cell:
-    """One bisection.   Cost: about 10 s."""
+    """One bisection, unless its file is there already.   Cost: about 10 s."""
+    path = cell_file(job)
+    if path.exists():
+        return Cell(**json.loads(path.read_text(encoding="utf-8")))
+    cell = bisect(job)
+    write_bytes(path, (json.dumps(asdict(cell)) + "\n").encode())
+    return cell
+
+
+def bisect(job: Job) -> Cell:
+    """The largest stiffness of one point."""
     hand = HANDS[job.hand]
     setup = replace(
         linear_setup(job.response, hand, job.delay_s, job.damping_Ns_m),
@@ -83,9 +107,14 @@ def work(job: Job) -> Cell:
     largest = stable_stiffness_N_m(
         scene, setup, job.case.place, press_N(hand), 0.5 * bound, 4.0 * bound
     )
-    delay_ms = 1e3 * (PERIOD_S if job.delay_s is None else job.delay_s)
     return Cell(
-        job.response, job.case.place.name, job.hand, delay_ms, job.damping_Ns_m, bound, largest
+        job.response,
+        job.case.place.name,
+        job.hand,
+        delay_ms(job),
+        job.damping_Ns_m,
+        bound,
+        largest,
     )
 
 
@@ -109,9 +138,10 @@ def jobs_of(folder: Path, quick: bool) -> list[Job]:
 def run_map(
     folder: Path, processes: int, quick: bool, progress: Callable[[float], None]
 ) -> list[Cell]:
-    """All points on some processes; DIR/closed_loop.csv and DIR/closed_loop.png.   Errors: CreaseError."""
+    """All points that are not there yet, on some processes; DIR/closed_loop.csv and DIR/closed_loop.png.   Errors: CreaseError."""
     pad_scene(folder)
     groove_scene(folder)
+    (folder / "cells").mkdir(exist_ok=True)
     jobs = jobs_of(folder, quick)
     cells = []
     with ProcessPoolExecutor(processes) as pool:
