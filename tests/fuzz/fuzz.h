@@ -1,6 +1,8 @@
-/* What the fuzz targets share: a check that stays in every build, and random numbers of the mutators. */
+/* What the fuzz targets share: invariants, and random numbers of the mutators. */
 #ifndef CRF_FUZZ_H
 #define CRF_FUZZ_H
+
+#include "../check/holds.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -11,15 +13,6 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned seed);
 size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t max_size); /* of libFuzzer */
-
-/* Purpose  an invariant: what breaks it is a crash for the fuzzer, with the text. */
-#define HOLDS(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            fprintf(stderr, "%s:%d: does not hold: %s\n", __FILE__, __LINE__, #condition);                             \
-            abort();                                                                                                   \
-        }                                                                                                              \
-    } while (0)
 
 /* Purpose  a number below `below` (at least 1) from the mutator's seed. */
 static inline uint32_t crf_random(uint64_t *state, uint32_t below) {

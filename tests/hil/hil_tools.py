@@ -25,6 +25,12 @@ Frame = tuple[float, int, bytes]
 """Time s (of the kernel's stamp), identifier, data."""
 
 
+def run_creased(*words: object) -> subprocess.CompletedProcess[str]:
+    """`creased` with these words, to its end."""
+    command = [str(word) for word in (CREASED, *words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
 @dataclass
 class Loop:
     """Both ends and a listener."""

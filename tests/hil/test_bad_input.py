@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import can
 import pytest
-from hil_tools import CHANNEL, CREASED, closed_loop, of, torques_of
+from hil_tools import CHANNEL, closed_loop, of, run_creased, torques_of
 
 
 @pytest.mark.parametrize(
@@ -25,9 +24,7 @@ def test_creased_refuses_with_one_line(
 ) -> None:
     config, record = tmp_path / "device.toml", tmp_path / "run.crr"
     config.write_text(device, encoding="ascii")
-    words = [CREASED, "--config", config, "--interface", interface, "--record", record, scene]
-    command = [str(word) for word in words]
-    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    said = run_creased("--config", config, "--interface", interface, "--record", record, scene)
     assert said.returncode == status
     assert text in said.stderr
     assert said.stderr.startswith("error: ")
@@ -39,9 +36,7 @@ def test_creased_keeps_an_old_record(scene: Path, tmp_path: Path) -> None:
     config, record = tmp_path / "device.toml", tmp_path / "run.crr"
     config.write_text("", encoding="ascii")
     record.write_text("yesterday's", encoding="ascii")
-    words = [CREASED, "--config", config, "--interface", CHANNEL, "--record", record, scene]
-    command = [str(word) for word in words]
-    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    said = run_creased("--config", config, "--interface", CHANNEL, "--record", record, scene)
     assert (said.returncode, said.stdout) == (1, "")
     assert said.stderr == f"error: {record}: is there already; --force replaces it\n"
     assert record.read_text(encoding="ascii") == "yesterday's"

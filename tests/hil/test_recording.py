@@ -18,7 +18,7 @@ from crease.bus.transport import open_bus
 from crease.native import lib
 from crease.recording import load_recording, rerun
 from crease.scene import open_scene
-from hil_tools import CHANNEL, CREASED, DEVICE, closed_loop, wait_for
+from hil_tools import CHANNEL, DEVICE, closed_loop, run_creased, wait_for
 
 
 def test_recording_of_creased_runs_again_to_the_bit(scene: Path, tmp_path: Path) -> None:
@@ -52,32 +52,13 @@ def test_sigterm_stops_creased_with_zero_torque_and_status_zero(
 def test_second_host_is_refused(scene: Path) -> None:
     with closed_loop(scene) as loop:
         wait_for(loop.bus, 0x181)
-        command = [
-            str(CREASED),
-            "--config",
-            str(DEVICE),
-            "--interface",
-            CHANNEL,
-            "--exit-on-fault",
-            str(scene),
-        ]
-        second = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        second = run_creased("--config", DEVICE, "--interface", CHANNEL, "--exit-on-fault", scene)
         assert second.returncode == 4
         assert "alien" in second.stdout
 
 
 def test_bus_without_drives_is_told(scene: Path) -> None:
-    command = [
-        str(CREASED),
-        "--config",
-        str(DEVICE),
-        "--interface",
-        CHANNEL,
-        "--seconds",
-        "1.2",
-        str(scene),
-    ]
-    said = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    said = run_creased("--config", DEVICE, "--interface", CHANNEL, "--seconds", 1.2, scene)
     assert said.returncode == 3
     assert "no answer from drive X (node 0x11) Y (node 0x12) Z (node 0x13)" in said.stderr
 

@@ -28,6 +28,14 @@ void crt_open(crt_rig *rig, const crt_solid *solid, const crt_tool *tool, double
     crt_restart(rig, config);
 }
 
+void crt_open_cube(crt_rig *rig, const crt_solid *solid, double half_m, double spacing_m, double voxel_m) {
+    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {half_m, half_m, half_m};
+    crt_tool tool = crt_tool_new(spacing_m);
+    crt_add_box(&tool, centre, half);
+    crt_open(rig, solid, &tool, voxel_m, NULL);
+    crt_tool_free(&tool);
+}
+
 void crt_close(crt_rig *rig) {
     free(rig->memory);
     free(rig->image);

@@ -1,21 +1,13 @@
 /* The servo among obedient drives: see the header. */
 #include "servo_rig.h"
 
+#include "../check/holds.h"
 #include "image_builder.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* Not an assertion of a test: the fuzzer uses this too. */
-#define HOLDS(condition)                                                                                               \
-    do {                                                                                                               \
-        if (!(condition)) {                                                                                            \
-            fprintf(stderr, "%s:%d: does not hold: %s\n", __FILE__, __LINE__, #condition);                             \
-            abort();                                                                                                   \
-        }                                                                                                              \
-    } while (0)
 
 const cr_scene *crt_plate_scene(void) {
     static cr_scene scene;

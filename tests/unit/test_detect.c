@@ -198,12 +198,8 @@ static void detect_looks_at_no_point_while_the_tool_rests_in_free_space(void **s
 static void detect_coverage_of_a_face_is_exact(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
-    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {8e-3, 8e-3, 8e-3};
-    crt_tool tool = crt_tool_new(2e-3);
     crt_rig rig;
-    crt_add_box(&tool, centre, half);
-    crt_open(&rig, &block, &tool, VOXEL_M, NULL);
-    crt_tool_free(&tool);
+    crt_open_cube(&rig, &block, 8e-3, 2e-3, VOXEL_M);
     for (uint32_t hard = 0; hard < 2u; hard++) {
         detector d = make_detector(&rig, CR_SKIP_ALL, hard ? CR_COVERAGE_HARD : CR_COVERAGE_SOFT, &sets[0]);
         for (int i = 1; i < 8; i++) {
@@ -318,12 +314,8 @@ static void detect_hits_are_in_ascending_order_of_clusters(void **state) {
 static void detect_counts_what_exceeds_its_capacities(void **state) {
     (void)state;
     crt_solid block = crt_box(-60e-3, 60e-3, 60e-3, -120e-3, 0.0);
-    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {36e-3, 36e-3, 36e-3};
-    crt_tool tool = crt_tool_new(1e-3);
     crt_rig rig;
-    crt_add_box(&tool, centre, half);
-    crt_open(&rig, &block, &tool, 4e-3, NULL);
-    crt_tool_free(&tool);
+    crt_open_cube(&rig, &block, 36e-3, 1e-3, 4e-3);
     assert_true(rig.scene.cluster_count > CR_CLUSTERS_MAX + 1000u);
     for (uint32_t skip = 0u; skip <= CR_SKIP_ALL; skip += CR_SKIP_ALL) {
         cr_config config = cr_config_default();

@@ -13,13 +13,7 @@
 #define POSITION_ROUNDING_M 1e-8
 #define POINTS 4096
 
-static void open_with_cube(crt_rig *rig, const crt_solid *solid) {
-    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {4e-3, 4e-3, 4e-3};
-    crt_tool tool = crt_tool_new(2e-3);
-    crt_add_box(&tool, centre, half);
-    crt_open(rig, solid, &tool, VOXEL_M, NULL);
-    crt_tool_free(&tool);
-}
+static void open_with_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, 4e-3, 2e-3, VOXEL_M); }
 
 static void look_up(const crt_rig *rig, const float p[CR_LANES][3], cr_lookup *out) {
     cr_lanes3 lanes;

@@ -21,13 +21,7 @@ static crt_rig wall, edge;
 static cr_contact_set whole, pieces;
 static cr_area_set areas;
 
-static void open_cube(crt_rig *rig, const crt_solid *solid) {
-    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {HALF_M, HALF_M, HALF_M};
-    crt_tool tool = crt_tool_new(0.5e-3);
-    crt_add_box(&tool, centre, half);
-    crt_open(rig, solid, &tool, VOXEL_M, NULL);
-    crt_tool_free(&tool);
-}
+static void open_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, HALF_M, 0.5e-3, VOXEL_M); }
 
 static int open_rigs(void **state) {
     (void)state;

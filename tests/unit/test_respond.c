@@ -20,13 +20,7 @@ static cr_area_set area_set;
 static cr_stats stats;
 static cr_area areas[CR_AREAS_MAX];
 
-static void open_cube(crt_rig *rig, const crt_solid *solid) {
-    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {HALF_M, HALF_M, HALF_M};
-    crt_tool tool = crt_tool_new(SPACING_M);
-    crt_add_box(&tool, centre, half);
-    crt_open(rig, solid, &tool, VOXEL_M, NULL);
-    crt_tool_free(&tool);
-}
+static void open_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, HALF_M, SPACING_M, VOXEL_M); }
 
 static uint32_t respond(const crt_rig *rig, const cr_pose *pose, const cr_config *config, uint32_t room) {
     const xform now = xform_from_pose(pose);
