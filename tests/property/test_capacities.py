@@ -30,6 +30,7 @@ OVERFLOWS = {"clusters", "kernels", "all"}
 STAGES = (
     "scene",
     "field",
+    "planes",
     "coverage",
     "detect",
     "zones",
