@@ -29,6 +29,9 @@ static inline float sum_products(const float *w, const float *v) {
 
 /* Least share of the full width over which a sample fades in: a face that comes down flat would otherwise switch on at once. */
 #define WIDTH_MIN 0.25f
+/* How steeply a piece beside an edge fades as its distance nears the ramp: with 1 instead of 4 the block in the groove is 0.40 deg
+ * off (p99) instead of 0.23. */
+#define FADE 4.0f
 
 /* The part of each sample's own piece of surface that the plane of the static surface cuts off. Across the piece the distance varies by a width b = sqrt(g^T W g), W twelve times the second
  * moment of the piece; it is inside to the share 1/2 - phi / b. */
@@ -57,28 +60,40 @@ static float share_below(float h, float width, float most) {
 }
 
 /* A piece over a crease is cut by several planes at once. Where they meet convexly it is inside as far as it is below all of
- * them, taken as independent; where they meet concavely, as far as it is not above all. */
-static float cover_by_planes(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, const cr_lookup *at,
-                             int i, cr_vec3 p_world) {
-    const struct cr_img_kind *kind = &s->kinds[at->kind[i]];
-    int concave = kind->kind == CR_KIND_CONCAVE;
+ * them, taken as independent; where they meet concavely, as far as it is not in the space round them. */
+float cr_cover_by_planes(const cr_planes *p, const struct cr_img_cluster *c, int i, const float *height, float top,
+                         float distance) {
     float share = 1.0f;
-    for (uint32_t k = 0; k < kind->count; k++) {
-        const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
-        cr_vec3 n = xform_unrotate(pose, v3_from(facet->normal));
+    const float ramp = c->ramp[i];
+    for (uint32_t k = 0; k < p->count; k++) {
+        if (height[k] <= -ramp) {
+            continue; /* all of it is below: the width is at most two ramps */
+        }
+        const cr_vec3 n = p->normal_tool[k];
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-        float h = v3_dot(v3_from(facet->normal), p_world) - facet->offset_m;
-        float below = share_below(h, sqrtf(max_f(0.0f, width2)), 2.0f * c->ramp[i]);
-        share *= concave ? 1.0f - below : below;
+        share *= share_below(height[k], sqrtf(max_f(0.0f, width2)), 2.0f * ramp);
     }
-    /* Beside an edge the distance is longer than the heights: fade out where it reaches the ramp. */
-    float fade = clamp_f(4.0f * (1.0f - at->phi_m[i] / c->ramp[i]), 0.0f, 1.0f);
-    return (concave ? 1.0f - share : share) * fade;
+    /* Beside an edge the distance is longer than the heights: fade out late, where it comes near the ramp. */
+    if (distance > top) {
+        share *= clamp_f(FADE * (ramp - distance) / (ramp - top), 0.0f, 1.0f);
+    }
+    return share;
+}
+
+/* The same for a lane whose distance was looked up. */
+static float cover_looked_up(const cr_planes *p, const struct cr_img_cluster *c, const cr_lookup *at, int i) {
+    float height[CR_KIND_FACETS_MAX], top = -3.4e38f;
+    for (uint32_t k = 0; k < p->count; k++) {
+        height[k] = v3_dot(p->normal_tool[k], v3(c->x[i], c->y[i], c->z[i])) + p->offset_m[k];
+        top = max_f(top, height[k]);
+    }
+    float share = cr_cover_by_planes(p, c, i, height, top, max_f(top, at->phi_m[i] * p->sign));
+    return p->sign < 0.0f ? 1.0f - share : share;
 }
 
 void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c,
-              const cr_lanes3 *world_m, const cr_lookup *at, float *coverage) {
+              const cr_lookup *at, float *coverage) {
     if (mode == CR_COVERAGE_HARD) {
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
@@ -86,12 +101,17 @@ void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct 
         return;
     }
     cover_by_slope(pose, c, at, coverage);
+    cr_planes planes;
+    planes.kind = 0u;
     for (uint32_t over = at->from_facet & ((1u << c->count) - 1u); over != 0u;) {
         int i = take_lane(&over);
-        if (abs_f(at->phi_m[i]) < c->ramp[i]) {
-            cr_vec3 p_world = v3(world_m->x[i], world_m->y[i], world_m->z[i]);
-            coverage[i] = cover_by_planes(s, pose, c, at, i, p_world);
+        if (!(abs_f(at->phi_m[i]) < c->ramp[i])) {
+            continue;
         }
+        if (at->kind[i] != planes.kind) {
+            cr_planes_turn(s, pose, at->kind[i], &planes);
+        }
+        coverage[i] = cover_looked_up(&planes, c, at, i);
     }
 }
 

@@ -219,7 +219,7 @@ static float height_on_face(const cr_respond_input *in, const struct cr_img_clus
 static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d, cr_lookup *at,
                              cr_lanes3 *world, uint32_t lanes, float best) {
     float coverage[CR_LANES];
-    cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, world, at, coverage);
+    cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, at, coverage);
     const cr_lanes3 middle = *world;
     for (int step = 0; step < FACE_STEPS && lanes != 0u; step++) {
         for (uint32_t left = lanes; left != 0u;) {

@@ -53,6 +53,7 @@ typedef struct {
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
     uint32_t lookups;
+    cr_planes planes; /* those that the last cluster on planes lay at */
 } walk;
 
 /* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
@@ -77,6 +78,7 @@ static cr_hit *add_hit(walk *w, uint32_t cluster) {
     cr_hit *hit = &w->set->hits[w->set->hit_count++];
     hit->cluster = cluster;
     hit->area = CR_HIT_NONE;
+    hit->planes = 0u;
     return hit;
 }
 
@@ -161,8 +163,14 @@ static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane,
     }
 }
 
-/* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. What is deeper inside than
- * a sample is wide tells less and less of the surface: half-way between two faces the nearest changes at once. */
+/* What is deeper inside than a sample is wide tells less and less of the surface: half-way between two faces the nearest changes at
+ * once. */
+static float part_told(float spacing_m, float phi_m) {
+    float deeper = -(phi_m + spacing_m);
+    return deeper > 0.0f ? spacing_m * spacing_m / (spacing_m * spacing_m + deeper * deeper) : 1.0f;
+}
+
+/* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
 static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
                           cr_vec3 area_tool, float reach_m) {
     uint32_t index = facet_of_lane(w->field, at, lane, p_world);
@@ -176,10 +184,7 @@ static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane
     if (touch == NULL) {
         return;
     }
-    float h = w->scene->meta->spacing_m, deeper = -(at->phi_m[lane] + h);
-    if (deeper > 0.0f) {
-        area_m2 *= h * h / (h * h + deeper * deeper);
-    }
+    area_m2 *= part_told(w->scene->meta->spacing_m, at->phi_m[lane]);
     add_to_touch(touch, area_m2, normal, v3_mad(p_world, gradient, -at->phi_m[lane]));
     touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, area_tool);
     if ((at->from_facet >> lane) & 1u) {
@@ -209,10 +214,10 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
 }
 
 /* Smallest distance that any of 16 points still has to go before it is covered. */
-static float smallest_clearance(const struct cr_img_cluster *c, const cr_lookup *at, float slack_m) {
+static float smallest_clearance(const struct cr_img_cluster *c, const float *phi_m, float slack_m) {
     float clearance[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
-        clearance[i] = at->phi_m[i] - c->ramp[i] - slack_m;
+        clearance[i] = phi_m[i] - c->ramp[i] - slack_m;
     }
     float least = clearance[0];
     for (int i = 1; i < CR_LANES; i++) {
@@ -232,13 +237,16 @@ static uint32_t connected_lanes(const struct cr_img_cluster *c, uint32_t seed, u
     return found;
 }
 
-/* What the points of one cluster were found to be. */
+/* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
 typedef struct {
+    uint32_t cluster;
     const struct cr_img_cluster *c;
-    const cr_lanes3 *world;
+    const cr_lanes3 *world; /* looked up: the points and what was found at each */
     const cr_lookup *at;
-    const float *coverage;
-    uint32_t inside, near;
+    const cr_planes *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
+    const cr_heights *heights;
+    const float *coverage; /* 0 where `covered` is not set */
+    uint32_t covered, full, inside, near;
 } looked;
 
 /* The one planar facet that all these lanes are over, or CR_FACET_NONE. */
@@ -265,32 +273,102 @@ static uint32_t common_facet(const walk *w, const looked *l, uint32_t lanes) {
     return common;
 }
 
-/* The touch of a hit that lies over one planar facet, from its sums: points project onto the plane all alike. */
-static void touch_plane(walk *w, const cr_hit *hit, uint32_t facet) {
+/* Part of a hit that is over one planar facet, by its sums: points project onto the plane all alike. */
+static void touch_plane(walk *w, uint32_t first, uint32_t facet, const struct cr_img_sum *sum) {
     const struct cr_img_facet *plane = &w->scene->facets[facet];
-    const struct cr_img_sum *sum = &hit->sum;
-    cr_touch *touch = find_touch(w, w->set->touch_count, facet);
+    cr_touch *touch = find_touch(w, first, facet);
     if (touch == NULL) {
         return;
     }
     cr_vec3 normal = v3_from(plane->normal);
     cr_vec3 points = v3_mad(xform_rotate(w->pose, v3(sum->px, sum->py, sum->pz)), w->pose->t, sum->area);
-    touch->area_m2 = sum->area;
-    touch->normal_sum_m2 = v3_scale(normal, sum->area);
-    touch->point_sum_m3 = v3_mad(points, normal, plane->offset_m * sum->area - v3_dot(normal, points));
-    touch->tool_sum_m2 = v3(sum->ax, sum->ay, sum->az);
+    float height = v3_dot(normal, points) - plane->offset_m * sum->area;
+    add_to_touch(touch, sum->area, normal, v3(0.0f, 0.0f, 0.0f));
+    touch->point_sum_m3 = v3_add(touch->point_sum_m3, v3_mad(points, normal, -height));
+    touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, v3(sum->ax, sum->ay, sum->az));
+}
+
+/* How far from its nearest facet a lane touches others: a crease or corner of the tool is as wide as its ramp; a face between samples
+ * reaches into all of a crease cell. */
+static float reach_of_lane(const walk *w, const struct cr_img_cluster *c, int lane) {
+    return ((c->crease_mask | c->vertex_mask) >> lane) & 1u ? c->ramp[lane] : w->scene->meta->crease_m;
+}
+
+/* Lanes at or near the highest plane of which is plane k: those at less than their reach below. */
+static uint32_t lanes_at_plane(const walk *w, const looked *l, uint32_t k, uint32_t lanes) {
+    const float *height = l->heights->height_m[k], *top = l->heights->top_m;
+    uint32_t at = 0u;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        at |= (uint32_t)(top[i] - height[i] < reach_of_lane(w, l->c, i)) << i;
+    }
+    return at;
+}
+
+/* Sums over lanes at a plane: the less of a lane the lower the plane lies below its highest. Its area vector faces that alone. */
+static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k, uint32_t lanes) {
+    const struct cr_img_cluster *c = l->c;
+    struct cr_img_sum sum = {0};
+    const float *height = l->heights->height_m[k], *top = l->heights->top_m;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        float share = l->coverage[i], area = share * c->area[i] * part_told(w->scene->meta->spacing_m, l->planes->sign * top[i]);
+        area *= 1.0f - (top[i] - height[i]) / max_f(reach_of_lane(w, c, i), 1e-9f);
+        sum.area += area;
+        sum.px += area * c->x[i];
+        sum.py += area * c->y[i];
+        sum.pz += area * c->z[i];
+        if ((l->heights->highest[k] >> i) & 1u) {
+            sum.ax += share * c->ax[i];
+            sum.ay += share * c->ay[i];
+            sum.az += share * c->az[i];
+        }
+    }
+    return sum;
+}
+
+/* What a hit touches of the planes it lies at: of each lane the highest, and others as far as they come near that. */
+static void touch_planes(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
+    const struct cr_img_kind *kind = &w->scene->kinds[l->planes->kind];
+    const uint32_t first = w->set->touch_count;
+    for (uint32_t k = 0; k < l->planes->count; k++) {
+        if ((lanes & ~l->heights->highest[k]) == 0u) {
+            touch_plane(w, first, kind->facet[k], &hit->sum);
+            continue;
+        }
+        const uint32_t at = lanes_at_plane(w, l, k, lanes);
+        if (at != 0u) {
+            const struct cr_img_sum sum = sum_at_plane(w, l, k, at);
+            touch_plane(w, first, kind->facet[k], &sum);
+        }
+    }
+}
+
+/* What a hit touches, lane by lane as it was looked up. */
+static void touch_looked_up(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
+    const uint32_t first = w->set->touch_count, facet = common_facet(w, l, lanes);
+    if (facet != CR_FACET_NONE) {
+        touch_plane(w, first, facet, &hit->sum);
+        return;
+    }
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), l->coverage[i]);
+        cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
+        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * l->coverage[i], area_tool, reach_of_lane(w, l->c, i));
+    }
 }
 
 /* The hit of some covered lanes of a cluster that hang together. */
-static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lanes) {
-    cr_hit *hit = add_hit(w, cluster);
+static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
+    cr_hit *hit = add_hit(w, l->cluster);
     if (hit == NULL) {
         return;
     }
-    uint32_t first = w->set->touch_count, around = lanes, features = l->c->crease_mask | l->c->vertex_mask;
-    float share[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        share[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
+    uint32_t around = lanes;
+    float some[CR_LANES];
+    for (int i = 0; i < CR_LANES && lanes != l->covered; i++) {
+        some[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
     }
     for (uint32_t left = l->near != 0u ? lanes : 0u; left != 0u;) {
         around |= l->c->beside[take_lane(&left)];
@@ -299,26 +377,31 @@ static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lane
     hit->inside = (uint16_t)(l->inside & lanes);
     hit->near = (uint16_t)(l->near & around);
     hit->whole = 0u;
-    cr_sum_cluster(l->c, share, &hit->sum);
+    cr_sum_cluster(l->c, lanes == l->covered ? l->coverage : some, &hit->sum);
     w->stats->contacts += count_lanes(hit->inside);
     w->stats->clusters++;
-    uint32_t facet = common_facet(w, l, lanes);
-    if (facet != CR_FACET_NONE) {
-        touch_plane(w, hit, facet);
-        return;
-    }
-    while (lanes != 0u) {
-        int i = take_lane(&lanes);
-        cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), share[i]);
-        cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
-        /* A crease or corner of the tool is as wide as its ramp; a face between samples reaches into all of the cell. */
-        float reach_m = (features >> i) & 1u ? l->c->ramp[i] : w->scene->meta->crease_m;
-        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * share[i], area_tool, reach_m);
+    if (l->planes != NULL) {
+        hit->planes = (uint16_t)l->planes->kind;
+        touch_planes(w, l, hit, lanes);
+    } else {
+        touch_looked_up(w, l, hit, lanes);
     }
 }
 
-/* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
-static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane) {
+/* The hits of a cluster with covered lanes. */
+static void take_points(walk *w, const looked *l, const batch *b, int lane) {
+    if (l->full == (1u << l->c->count) - 1u) {
+        take_whole(w, l->cluster, b, lane);
+        return;
+    }
+    for (uint32_t left = l->covered; left != 0u;) {
+        uint32_t lanes = connected_lanes(l->c, left & (~left + 1u), left);
+        take_lanes(w, l, lanes);
+        left &= ~lanes;
+    }
+}
+
+static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = (1u << c->count) - 1u;
     cr_lanes3 world;
@@ -326,31 +409,92 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     float coverage[CR_LANES];
     cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
     cr_field_look_up(w->field, &world, &at);
-    w->stats->points += c->count;
-    cr_cover(w->scene, w->pose, w->options->coverage, c, &world, &at, coverage);
-    uint32_t covered = 0u, partial = 0u, outside = 0u, near = 0u;
+    cr_cover(w->scene, w->pose, w->options->coverage, c, &at, coverage);
+    uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u;
     for (int i = 0; i < CR_LANES; i++) {
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
-        partial |= (uint32_t)(coverage[i] < 1.0f) << i;
+        full |= (uint32_t)(coverage[i] >= 1.0f) << i;
         outside |= (uint32_t)(at.phi_m[i] > 0.0f) << i;
         near |= (uint32_t)(at.phi_m[i] < c->reach[i]) << i;
     }
     covered &= used;
     if (covered == 0u) {
-        return max_f(0.0f, smallest_clearance(c, &at, w->slack_out_m));
-    }
-    if ((partial & used) == 0u) {
-        take_whole(w, cluster, b, lane);
-        return 0.0f;
+        return max_f(0.0f, smallest_clearance(c, at.phi_m, w->slack_out_m));
     }
     near = (near & c->crease_mask) | (covered & outside & ~(c->crease_mask | c->vertex_mask));
-    const looked l = {c, &world, &at, coverage, ~outside & used, near};
-    while (covered != 0u) {
-        uint32_t lanes = connected_lanes(c, covered & (~covered + 1u), covered);
-        take_lanes(w, cluster, &l, lanes);
-        covered &= ~lanes;
-    }
+    const looked l = {cluster, c, &world, &at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
+    take_points(w, &l, b, lane);
     return 0.0f;
+}
+
+/* Coverage of the lanes that planes cut, in the mode of the options. Returns the lanes that are covered at all. */
+static uint32_t cover_cut_lanes(const walk *w, const struct cr_img_cluster *c, cr_heights *h, float *coverage) {
+    const cr_planes *p = &w->planes;
+    uint32_t covered = 0u;
+    for (uint32_t left = h->cut; left != 0u;) {
+        const int i = take_lane(&left);
+        float height[CR_KIND_FACETS_MAX], top = h->top_m[i], distance = cr_planes_distance(p, h, i);
+        h->distance_m[i] = distance;
+        h->bent |= (uint32_t)(distance > top) << i;
+        for (uint32_t k = 0; k < p->count; k++) {
+            height[k] = h->height_m[k][i];
+        }
+        float share = w->options->coverage == CR_COVERAGE_HARD
+                          ? (float)(top <= 0.0f)
+                          : cr_cover_by_planes(p, c, i, height, top, distance);
+        coverage[i] = p->sign < 0.0f ? 1.0f - share : share;
+        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+    }
+    return covered;
+}
+
+static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+    const uint32_t used = (1u << c->count) - 1u;
+    const int concave = w->planes.sign < 0.0f;
+    cr_heights h;
+    float coverage[CR_LANES];
+    cr_planes_measure(&w->planes, c, &h);
+    h.cut &= used;
+    uint32_t full = (concave ? ~(h.below | h.cut) : h.below) & used;
+    for (int i = 0; i < CR_LANES; i++) {
+        coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
+    }
+    const uint32_t covered = full | cover_cut_lanes(w, c, &h, coverage);
+    if (covered == 0u) {
+        float phi_m[CR_LANES];
+        for (int i = 0; i < CR_LANES; i++) {
+            phi_m[i] = h.top_m[i] * w->planes.sign;
+        }
+        return max_f(0.0f, smallest_clearance(c, phi_m, w->slack_out_m));
+    }
+    uint32_t inside = full, near = full & c->crease_mask;
+    for (uint32_t left = h.cut; left != 0u;) {
+        const int i = take_lane(&left);
+        const float phi_m = h.distance_m[i] * w->planes.sign;
+        full |= (uint32_t)(coverage[i] >= 1.0f) << i;
+        inside |= (uint32_t)(phi_m <= 0.0f) << i;
+        near |= (uint32_t)(phi_m < c->reach[i]) << i & c->crease_mask;
+    }
+    near |= covered & ~inside & ~(c->crease_mask | c->vertex_mask);
+    const looked l = {cluster, c, NULL, NULL, &w->planes, &h, coverage, covered, full, inside, near};
+    take_points(w, &l, b, lane);
+    return 0.0f;
+}
+
+/* Points of a cluster within reach_m of its centre. Returns how far the tool may move before it needs another look; 0 when it is in
+ * contact. */
+static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane, float reach_m) {
+    const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
+    const uint32_t kind = cr_planes_around(w->field, &b->centres, lane, centre, reach_m);
+    w->stats->points += w->scene->clusters[cluster].count;
+    if (kind == 0u) {
+        return look_up_points(w, cluster, b, lane);
+    }
+    if (w->planes.kind != kind) {
+        cr_planes_turn(w->scene, w->pose, kind, &w->planes);
+    }
+    return measure_points(w, cluster, b, lane);
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
@@ -389,7 +533,7 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
         }
     }
     w->lookups++;
-    *wake = moved + look_at_points(w, cluster, b, lane) * 0.999999f;
+    *wake = moved + look_at_points(w, cluster, b, lane, reach) * 0.999999f;
 }
 
 /* Look at the leaf spheres that wait, in cluster order. */
@@ -522,7 +666,7 @@ static void give_up(walk *w) {
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u};
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u, {0}};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;

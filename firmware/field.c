@@ -55,68 +55,6 @@ static inline sloped trilinear(uint32_t pair00, uint32_t pair10, uint32_t pair01
     return r;
 }
 
-/* Plane of the given ones whose height is largest; planes in `taken` (bits) are left out. */
-static uint32_t highest(const float *height, uint32_t count, uint32_t taken) {
-    uint32_t best = CR_KIND_FACETS_MAX;
-    for (uint32_t k = 0; k < count; k++) {
-        if (!((taken >> k) & 1u) && (best == CR_KIND_FACETS_MAX || height[k] > height[best])) {
-            best = k;
-        }
-    }
-    return best;
-}
-
-/* Vector from the vertex of three planes to a point at heights a, b, c above them: it has just these components. */
-static int from_vertex(cr_vec3 n0, cr_vec3 n1, cr_vec3 n2, float a, float b, float c, cr_vec3 *offset) {
-    cr_vec3 u = v3_cross(n1, n2), v = v3_cross(n2, n0), w = v3_cross(n0, n1);
-    float volume = v3_dot(n0, u);
-    if (abs_f(volume) < 1e-3f) {
-        return 0;
-    }
-    *offset = v3_scale(v3_mad(v3_mad(v3_scale(u, a), v, b), w, c), 1.0f / volume);
-    return 1;
-}
-
-/* Signed distance to a convex solid bounded by planes, height[k] above plane k, negative inside all. Outside, the nearest point
- * lies on the highest plane, or, when that foot is above a second plane, on their edge, or above a third, at their vertex. */
-static float convex_distance(const cr_vec3 *normal, const float *height, uint32_t count, uint32_t *nearest,
-                             cr_vec3 *grad) {
-    uint32_t first = highest(height, count, 0u);
-    float a = height[first], foot[CR_KIND_FACETS_MAX];
-    *nearest = first;
-    *grad = normal[first];
-    if (a <= 0.0f) {
-        return a;
-    }
-    for (uint32_t k = 0; k < count; k++) {
-        foot[k] = height[k] - a * v3_dot(normal[first], normal[k]);
-    }
-    uint32_t second = highest(foot, count, 1u << first);
-    if (second == CR_KIND_FACETS_MAX || foot[second] <= 0.0f) {
-        return a;
-    }
-    float c = v3_dot(normal[first], normal[second]);
-    float sine2 = 1.0f - c * c;
-    if (sine2 < 1e-6f) {
-        return a;
-    }
-    cr_vec3 offset =
-        v3_mad(v3_scale(normal[first], a), v3_mad(normal[second], normal[first], -c), foot[second] / sine2);
-    for (uint32_t k = 0; k < count; k++) {
-        foot[k] = height[k] - v3_dot(normal[k], offset);
-    }
-    uint32_t third = highest(foot, count, (1u << first) | (1u << second));
-    if (third != CR_KIND_FACETS_MAX && foot[third] > 0.0f) {
-        cr_vec3 corner;
-        if (from_vertex(normal[first], normal[second], normal[third], a, height[second], height[third], &corner)) {
-            offset = corner;
-        }
-    }
-    float d = v3_norm(offset);
-    *grad = d > 0.0f ? v3_scale(offset, 1.0f / d) : normal[first];
-    return d;
-}
-
 uint32_t cr_field_kind(const cr_field *f, const cr_lookup *at, int lane) {
     if (at->entry[lane] & CR_TOP_FAR) {
         return 0u;
@@ -145,7 +83,7 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
     }
     uint32_t nearest = 0u;
     cr_vec3 grad;
-    out->phi_m[lane] = sign * convex_distance(normal, height, kind->count, &nearest, &grad);
+    out->phi_m[lane] = sign * cr_convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
     out->kind[lane] = index;
     out->from_facet |= 1u << lane;
@@ -153,6 +91,15 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
     out->gx[lane] = sign * grad.x;
     out->gy[lane] = sign * grad.y;
     out->gz[lane] = sign * grad.z;
+}
+
+void cr_field_use_planes(const cr_field *f, uint32_t kind, const cr_lanes3 *p, uint32_t lanes, cr_lookup *out) {
+    out->from_facet = 0u;
+    out->bent = 0u;
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        use_planes(f, kind, v3(p->x[i], p->y[i], p->z[i]), i, out);
+    }
 }
 
 /* A lane in a brick with crease cells: its distance comes from planes when its cell has them and the surface is near. */

@@ -101,6 +101,10 @@ static cr_err check_meta(const struct cr_img_meta *m) {
     return CR_OK;
 }
 
+static int is_of_planes(const struct cr_img_kind *k) {
+    return k->count > 0u && (k->kind == CR_KIND_PLANAR || k->kind == CR_KIND_CONVEX || k->kind == CR_KIND_CONCAVE);
+}
+
 static cr_err check_voxmap(const cr_scene *s) {
     uint32_t tops = s->meta->dims[0] * s->meta->dims[1] * s->meta->dims[2];
     for (uint32_t i = 0; i < tops; i++) {
@@ -116,8 +120,12 @@ static cr_err check_voxmap(const cr_scene *s) {
         }
         uint32_t side = cells + 1u;
         uint32_t need = side * side * side;
-        if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count) {
+        if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count ||
+            b->planes >= s->kind_count) {
             return CR_ERR_INDEX;
+        }
+        if (b->planes != 0u && !(is_of_planes(&s->kinds[b->planes]) && is_of_planes(&s->kinds[b->kind]))) {
+            return CR_ERR_VALUE;
         }
         uint32_t table = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
         if (b->cells != CR_CELLS_NONE && (b->cells > s->cell_count || table > s->cell_count - b->cells)) {

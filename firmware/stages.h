@@ -50,12 +50,54 @@ void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup
  * Cost     with CR_SCALAR about 150 instructions a lane, 70 in far bricks. */
 void cr_field_look_up_lanes(const cr_field *field, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
 
+/* Purpose  the same for lanes where the planes of a kind are known to give the distance: no bit of from_facet is clear among them. */
+void cr_field_use_planes(const cr_field *field, uint32_t kind, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
+
 /* Purpose  what a lane sees of the static surface: index into scene->kinds, 0 when no surface is near. */
 uint32_t cr_field_kind(const cr_field *field, const cr_lookup *at, int lane);
 
 /* Purpose  points of a cluster or sphere centres of a group, tool frame to world frame. */
 void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float *y, const float *z,
                        cr_lanes3 *world_m);
+
+/* Purpose  signed distance to a convex solid bounded by planes, height[k] above plane k, negative inside all. Outside, the nearest
+ *          point lies on the highest plane, or, when that foot is above a second plane, on their edge, or above a third, at
+ *          their vertex.
+ * Shapes   normal, height: [count], 1 to CR_KIND_FACETS_MAX.   Output  *nearest: the highest plane; *grad: unit. */
+float cr_convex_distance(const cr_vec3 *normal, const float *height, uint32_t count, uint32_t *nearest, cr_vec3 *grad);
+
+/* Planes of a kind in the tool frame, turned so that they bound a convex solid: the static object, or with sign -1 the space
+ * round it. height = normal . p + offset. */
+typedef struct {
+    uint32_t kind; /* index into scene->kinds; 0: none */
+    uint32_t count;
+    float sign;
+    cr_vec3 normal_tool[CR_KIND_FACETS_MAX];
+    float offset_m[CR_KIND_FACETS_MAX];
+} cr_planes;
+
+/* Samples of a cluster above the planes of that convex solid, and lanes by that. */
+typedef struct {
+    float height_m[CR_KIND_FACETS_MAX][CR_LANES];
+    float top_m[CR_LANES];                /* the largest height */
+    float distance_m[CR_LANES];           /* to the convex solid, of the lanes in `bent` */
+    uint32_t highest[CR_KIND_FACETS_MAX]; /* lanes whose largest height is above that plane */
+    uint32_t below, cut; /* lanes whose piece lies below all planes, lanes whose piece is cut by one; the rest is outside */
+    uint32_t bent;       /* lanes cut beside an edge or a vertex: farther than their largest height; the others are not */
+} cr_heights;
+
+/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.
+ * Shapes   at, lane, p_world: the point, looked up. */
+uint32_t cr_planes_around(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, float reach_m);
+
+/* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
+void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
+
+/* Purpose  heights of the samples of a cluster.   Cost  20 instructions a lane and plane on a Cortex-M7. */
+void cr_planes_measure(const cr_planes *planes, const struct cr_img_cluster *cluster, cr_heights *out);
+
+/* Purpose  distance of a lane to the convex solid.   Cost  100 instructions on a Cortex-M7 where several planes are below it. */
+float cr_planes_distance(const cr_planes *planes, const cr_heights *heights, int lane);
 
 /* Covered lanes of a cluster that hang together: what they add to their contact area. Tool frame, so that whole clusters need no
  * arithmetic. */
@@ -66,7 +108,8 @@ typedef struct {
     uint16_t
         near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
     uint16_t area;  /* set by zones: index of the contact area */
-    uint16_t whole; /* 1: every lane fully covered */
+    uint16_t whole;  /* 1: every lane fully covered */
+    uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: look it up */
     struct cr_img_sum sum;
 } cr_hit;
 
@@ -88,10 +131,15 @@ typedef struct {
 } cr_contact_set;
 
 /* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
- * Shapes   world_m and at: the cluster's points and what was looked up there.   Output  coverage[CR_LANES], 0..1.
+ * Shapes   at: what was looked up at the cluster's points.   Output  coverage[CR_LANES], 0..1.
  * Source   DESIGN.md "Point shell and coverage". */
 void cr_cover(const cr_scene *scene, const xform *world_from_tool, uint32_t mode, const struct cr_img_cluster *cluster,
-              const cr_lanes3 *world_m, const cr_lookup *at, float *coverage);
+              const cr_lookup *at, float *coverage);
+
+/* Purpose  the same for a lane that planes of the static surface cut: of the convex solid that they bound.
+ * Shapes   height[planes->count], top the largest of them; distance_m: to the solid. */
+float cr_cover_by_planes(const cr_planes *planes, const struct cr_img_cluster *cluster, int lane, const float *height,
+                         float top_m, float distance_m);
 
 /* Purpose  area, area vector and first moment of a cluster under the given coverage, lanes added in a fixed order.
  * Shapes   w[CR_LANES] in 0..1. The image holds the result for w = 1, made by this function. */

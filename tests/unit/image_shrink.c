@@ -56,7 +56,7 @@ static uint32_t keep_brick(parts *p, uint8_t *image, uint32_t index) {
         }
         b.side = 1u;
         b.samples = keep(p, CR_SEC_SAMPLES, corner, 8u);
-        b.kind = keep_kind(p, image, b.kind);
+        b.kind = (uint16_t)keep_kind(p, image, b.kind);
     } else {
         const uint16_t *cells = (const uint16_t *)crt_section(image, CR_SEC_CELLS) + b.cells;
         uint16_t table[TABLE];
@@ -65,8 +65,9 @@ static uint32_t keep_brick(parts *p, uint8_t *image, uint32_t index) {
         }
         b.samples = keep(p, CR_SEC_SAMPLES, samples, BLOCK);
         b.cells = keep(p, CR_SEC_CELLS, table, TABLE);
-        b.kind = 0u;
+        b.kind = b.planes != 0u ? (uint16_t)keep_kind(p, image, b.kind) : 0u;
     }
+    b.planes = b.planes != 0u ? (uint16_t)keep_kind(p, image, b.planes) : 0u;
     return keep(p, CR_SEC_BRICKS, &b, 1u);
 }
 

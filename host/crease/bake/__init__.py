@@ -185,7 +185,7 @@ def bake_scene(
     meta = _meta(surface, voxmap, shell, tool, options)
     image = _assemble(surface, voxmap, shell, meta)
     report("measuring", 0.0)
-    errors = measure_errors(image, surface, voxmap.grid, voxmap.top)
+    errors = measure_errors(image, surface, voxmap)
     for name, value in errors.items():
         meta[name] = value
     image = _assemble(surface, voxmap, shell, meta)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from crease.bake.kinds import distance_of_kind
 from crease.bake.surface import Surface
-from crease.bake.voxmap import Grid, brick_points
+from crease.bake.voxmap import Grid, Voxmap, brick_points
 from crease.native import ffi, lib
 from crease.scene import open_image
 
@@ -70,20 +71,39 @@ def look_up(
     return phi
 
 
+def planes_error(voxmap: Voxmap, points: F64, exact: F64) -> F64:
+    """How far the planes of each point's brick are off there, 0 where it has none. Shapes: points (n, 3), exact (n,)."""
+    grid = voxmap.grid
+    where = np.floor((points - grid.origin_m) / grid.brick_m).astype(np.int64)
+    x, y, z = np.clip(where, 0, np.array(grid.dims) - 1).T
+    entry = voxmap.top[(z * grid.dims[1] + y) * grid.dims[0] + x]
+    near = (entry & np.uint32(lib.CR_TOP_FAR)) == 0
+    kind = np.where(near, voxmap.bricks["planes"][np.where(near, entry, 0)], 0)
+    error = np.zeros(len(points))
+    for index in np.unique(kind[kind > 0]):
+        mine = kind == index
+        value = distance_of_kind(voxmap.kinds[index], voxmap.facets, points[mine])
+        error[mine] = value - exact[mine]
+    return error
+
+
 def measure_errors(
-    image: npt.NDArray[np.uint8], surface: Surface, grid: Grid, top: npt.NDArray[np.uint32]
+    image: npt.NDArray[np.uint8], surface: Surface, voxmap: Voxmap
 ) -> dict[str, float]:
-    """The error fields of the image's meta section, in m.
+    """The error fields of the image's meta section, in m, for the worse of a lookup and the planes of the brick.
 
     error_max_m, error_rms_m: near the surface. error_out_m, error_in_m: how far a distance may overstate the way to the
     surface (anywhere, outside and inside) plus how far one near the surface may be off: what a skip leaves room for.
     """
+    grid = voxmap.grid
     points = np.concatenate(
-        [surface_probes(surface, grid.near_m, PROBES), brick_probes(grid, top, PROBES)]
+        [surface_probes(surface, grid.near_m, PROBES), brick_probes(grid, voxmap.top, PROBES)]
     )
     points = points.astype(np.float32)
     exact, _ = surface.signed_distance(points.astype(np.float64))
-    error = look_up(image, points) - exact
+    looked_up = look_up(image, points) - exact
+    by_planes = planes_error(voxmap, points.astype(np.float64), exact)
+    error = np.where(np.abs(by_planes) > np.abs(looked_up), by_planes, looked_up)
     near = np.abs(exact[:PROBES]) < grid.near_m
     near_error = np.abs(error[:PROBES][near])
     worst = float(near_error.max())

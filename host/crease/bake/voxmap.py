@@ -11,15 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from crease.bake.layout import (
-    BRICK,
-    CELLS_NONE,
-    CELLS_SIDE,
-    FACET,
-    KIND,
-    KIND_FACETS_MAX,
-    LEVEL_MAX,
-)
+from crease.bake.kinds import Kinds, convex_distance
+from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX, LEVEL_MAX
+from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.surface import Surface
 from crease.errors import MeshError
 from crease.native import lib
@@ -142,99 +136,6 @@ def choose_levels(phi: F64, tolerance_m: float) -> I32:
         open_ = np.concatenate(kept)
         level[open_] = candidate
     return level
-
-
-class Kinds:
-    """The table of what cells see, without repetition, and the facets it names."""
-
-    def __init__(self, surface: Surface) -> None:
-        self._surface = surface
-        self._rows: list[tuple[int, tuple[int, ...]]] = [(int(lib.CR_KIND_EMPTY), ())]
-        self._index: dict[tuple[int, tuple[int, ...]], int] = {self._rows[0]: 0}
-        self._planes: list[tuple[F64, int, int]] = []
-        self._planar: dict[int, int] = {}
-        self._curved: dict[int, int] = {}
-
-    def planar(self, facet: int) -> int:
-        """Index in the image of a real facet."""
-        if facet not in self._planar:
-            self._planar[facet] = len(self._planes)
-            patch = int(self._surface.facet_patch[facet])
-            self._planes.append((self._surface.facet_plane[facet], patch, 0))
-        return self._planar[facet]
-
-    def curved(self, patch: int) -> int:
-        """Index in the image of the facet that stands for a curved patch."""
-        if patch not in self._curved:
-            self._curved[patch] = len(self._planes)
-            mine = self._surface.facet_patch == patch
-            self._planes.append((self._mean(np.flatnonzero(mine)), patch, 1))
-        return self._curved[patch]
-
-    def local(self, facets: npt.NDArray[np.int64], patch: int) -> int:
-        """Index of a new facet that stands for some facets of a curved patch near one cell."""
-        self._planes.append((self._mean(facets), patch, 1))
-        return len(self._planes) - 1
-
-    def _mean(self, facets: npt.NDArray[Any]) -> F64:
-        area = self._surface.facet_area_m2[facets][:, None]
-        plane = (self._surface.facet_plane[facets] * area).sum(axis=0) / max(area.sum(), 1e-300)
-        length = float(np.linalg.norm(plane[:3]))
-        if length < 1e-3:
-            return np.array([0.0, 0.0, 1.0, 0.0])
-        return np.asarray(plane / length)
-
-    def index(self, kind: int, facets: tuple[int, ...]) -> int:
-        """Index of a table row, made when new."""
-        key = (kind, facets)
-        if key not in self._index:
-            self._index[key] = len(self._rows)
-            self._rows.append(key)
-        return self._index[key]
-
-    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """The image sections KINDS and FACETS."""
-        kinds = np.zeros(len(self._rows), KIND)
-        for row, (kind, facets) in zip(kinds, self._rows, strict=True):
-            row["kind"], row["count"] = kind, len(facets)
-            row["facet"][: len(facets)] = facets
-        planes = np.zeros(len(self._planes), FACET)
-        for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
-            row["normal"], row["offset_m"] = plane[:3], plane[3]
-            row["patch"], row["curved"] = patch, curved
-        return kinds, planes
-
-
-def convex_distance(planes: F64, points: F64) -> F64:
-    """What the firmware computes in a convex crease cell. Shapes: planes (k, 4), points (n, 3), result (n,)."""
-    normal = planes[:, :3]
-    height = points @ normal.T - planes[:, 3]
-    rows = np.arange(len(points))
-    first = height.argmax(axis=1)
-    a = height[rows, first]
-    gram = normal @ normal.T
-    foot = height - a[:, None] * gram[first]
-    foot[rows, first] = -np.inf
-    second = foot.argmax(axis=1)
-    rise, sine2 = foot[rows, second], 1 - gram[first, second] ** 2
-    on_edge = (a > 0) & (rise > 0) & (sine2 >= 1e-6)
-    lift = np.where(on_edge, rise / np.where(on_edge, sine2, 1.0), 0.0)[:, None]
-    offset = a[:, None] * normal[first] + lift * (
-        normal[second] - gram[first, second][:, None] * normal[first]
-    )
-    value = np.where(on_edge, np.linalg.norm(offset, axis=1), a)
-    if len(planes) > 2:
-        foot = height - offset @ normal.T
-        foot[rows, first] = foot[rows, second] = -np.inf
-        third = foot.argmax(axis=1)
-        sides = normal[np.column_stack([first, second, third])]
-        volume = np.linalg.det(sides)
-        at_vertex = on_edge & (foot[rows, third] > 0) & (np.abs(volume) >= 1e-3)
-        if at_vertex.any():
-            three = np.column_stack([a, height[rows, second], height[rows, third]])[at_vertex]
-            corner = np.linalg.solve(sides[at_vertex], three[:, :, None])[:, :, 0]
-            value[at_vertex] = np.linalg.norm(corner, axis=1)
-    return np.asarray(value)
 
 
 class CellSorter:
@@ -490,6 +391,16 @@ def make_voxmap(
     facet = surface.facet_of[triangle].reshape(phi.shape)
     sorter = CellSorter(surface, grid, tolerance_m)
     cells = sorter.sort(where, phi, facet, lambda part: progress("creases", part))
+    band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.reach_m
+    quantum = float(np.float32(band / 32767))
+    bricks_near = NearBricks(
+        where,
+        phi,
+        cells,
+        lambda bricks, side: brick_points(grid, bricks, lattice(side)),
+        lambda points: surface.signed_distance(points)[0],
+    )
+    planes = find_planes(bricks_near, sorter.kinds, quantum)
     kinds, facets = sorter.kinds.records()
     level = choose_levels(phi, tolerance_m)
     finer = refine(
@@ -503,11 +414,9 @@ def make_voxmap(
         tolerance_m,
         lambda part: progress("refining", part),
     )
-    band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.reach_m
-    quantum = float(np.float32(band / 32767))
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
-    bricks, samples, tables = _pack_bricks(phi, finer, level, cells, kinds, quantum)
+    bricks, samples, tables = _pack_bricks(phi, finer, level, cells, planes, kinds, quantum)
     names = {
         int(getattr(lib, f"CR_KIND_{n}")): n.lower()
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
@@ -534,12 +443,13 @@ def _pack_bricks(
     finer: dict[int, F64],
     level: I32,
     cells: I32,
+    planes: BrickPlanes,
     kinds: npt.NDArray[Any],
     quantum_m: float,
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
-    if int(cells.max(initial=0)) > 0xFFFF:
+    if len(kinds) > 0x10000:
         raise MeshError(
-            f"{int(cells.max()):,} different crease cells, at most 65,535 fit: use a larger --voxel"
+            f"{len(kinds):,} different crease cells, at most 65,535 fit: use a larger --voxel"
         )
     creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
@@ -553,7 +463,8 @@ def _pack_bricks(
         uniform = bool((cells[i] == cells[i, 0, 0, 0]).all())
         bricks[i]["samples"], bricks[i]["side"] = at, 2 ** int(level[i])
         bricks[i]["cells"] = CELLS_NONE if uniform else len(tables) * CELLS_SIDE**3
-        bricks[i]["kind"] = cells[i, 0, 0, 0] if uniform else 0
+        bricks[i]["kind"] = planes.least[i] if planes.least[i] or not uniform else cells[i, 0, 0, 0]
+        bricks[i]["planes"] = planes.most[i]
         bricks[i]["creased"] = bool(creased[cells[i]].any())
         if not uniform:
             tables.append(cells[i].reshape(-1).astype(np.uint16))

@@ -24,10 +24,12 @@ FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-DCR_RIVALS", "-ffp-contract=
 CORE = (
     "scene",
     "field",
+    "planes",
     "coverage",
     "detect",
     "zones",
     "respond",
+    "top",
     "depth",
     "split",
     "published",

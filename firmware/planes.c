@@ -1,0 +1,171 @@
+/* planes: where the static object is a few planes that meet convexly or concavely, its distances come from them alone: no samples,
+ * no lookups, and the planes are turned into the tool frame once for many samples. DESIGN.md "Planes instead of lookups". */
+#include "stages.h"
+
+/* Plane of the given ones whose height is largest; planes in `taken` (bits) are left out. */
+static uint32_t highest(const float *height, uint32_t count, uint32_t taken) {
+    uint32_t best = CR_KIND_FACETS_MAX;
+    for (uint32_t k = 0; k < count; k++) {
+        if (!((taken >> k) & 1u) && (best == CR_KIND_FACETS_MAX || height[k] > height[best])) {
+            best = k;
+        }
+    }
+    return best;
+}
+
+/* Vector from the vertex of three planes to a point at heights a, b, c above them: it has just these components. */
+static int from_vertex(cr_vec3 n0, cr_vec3 n1, cr_vec3 n2, float a, float b, float c, cr_vec3 *offset) {
+    cr_vec3 u = v3_cross(n1, n2), v = v3_cross(n2, n0), w = v3_cross(n0, n1);
+    float volume = v3_dot(n0, u);
+    if (abs_f(volume) < 1e-3f) {
+        return 0;
+    }
+    *offset = v3_scale(v3_mad(v3_mad(v3_scale(u, a), v, b), w, c), 1.0f / volume);
+    return 1;
+}
+
+float cr_convex_distance(const cr_vec3 *normal, const float *height, uint32_t count, uint32_t *nearest, cr_vec3 *grad) {
+    uint32_t first = highest(height, count, 0u);
+    float a = height[first], foot[CR_KIND_FACETS_MAX];
+    *nearest = first;
+    *grad = normal[first];
+    if (a <= 0.0f) {
+        return a;
+    }
+    for (uint32_t k = 0; k < count; k++) {
+        foot[k] = height[k] - a * v3_dot(normal[first], normal[k]);
+    }
+    uint32_t second = highest(foot, count, 1u << first);
+    if (second == CR_KIND_FACETS_MAX || foot[second] <= 0.0f) {
+        return a;
+    }
+    float c = v3_dot(normal[first], normal[second]);
+    float sine2 = 1.0f - c * c;
+    if (sine2 < 1e-6f) {
+        return a;
+    }
+    cr_vec3 offset =
+        v3_mad(v3_scale(normal[first], a), v3_mad(normal[second], normal[first], -c), foot[second] / sine2);
+    for (uint32_t k = 0; k < count; k++) {
+        foot[k] = height[k] - v3_dot(normal[k], offset);
+    }
+    uint32_t third = highest(foot, count, (1u << first) | (1u << second));
+    if (third != CR_KIND_FACETS_MAX && foot[third] > 0.0f) {
+        cr_vec3 corner;
+        if (from_vertex(normal[first], normal[second], normal[third], a, height[second], height[third], &corner)) {
+            offset = corner;
+        }
+    }
+    float d = v3_norm(offset);
+    *grad = d > 0.0f ? v3_scale(offset, 1.0f / d) : normal[first];
+    return d;
+}
+
+/* Kind whose planes hold in all bricks of a box: bits 0 to 2 of `over` are the axes on which it reaches into a second one. */
+static uint32_t planes_of_box(const cr_field *f, int32_t index, const int32_t *step, uint32_t over) {
+    const cr_scene *s = f->scene;
+    const struct cr_img_brick *first = &s->bricks[s->top[index]];
+    uint32_t most = first->planes, least = first->kind;
+    for (uint32_t part = over; part != 0u; part = (part - 1u) & over) {
+        int32_t other = index;
+        for (int a = 0; a < 3; a++) {
+            other += (part >> a) & 1u ? step[a] : 0;
+        }
+        const uint32_t entry = s->top[other];
+        const struct cr_img_brick *b = &s->bricks[entry & CR_TOP_FAR ? 0u : entry];
+        if ((entry & CR_TOP_FAR) || b->planes == 0u) {
+            return 0u;
+        }
+        most = b->planes == most || b->kind == most ? most : 0u;
+        least = b->planes == least || b->kind == least ? least : 0u;
+    }
+    return most != 0u ? most : least;
+}
+
+uint32_t cr_planes_around(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p_world, float reach_m) {
+    const struct cr_img_meta *m = f->scene->meta;
+    const uint32_t entry = at->entry[lane];
+    if ((entry & CR_TOP_FAR) || f->scene->bricks[entry].planes == 0u) {
+        return 0u;
+    }
+    const float u[3] = {at->ux[lane], at->uy[lane], at->uz[lane]}, p[3] = {p_world.x, p_world.y, p_world.z};
+    const float reach = reach_m * f->inv_brick;
+    int32_t place[3], step[3];
+    uint32_t over = 0u;
+    for (int a = 0; a < 3; a++) {
+        const int low = u[a] < reach, high = u[a] + reach >= 1.0f;
+        /* As the lookup has it: a near brick lies inside the grid. */
+        place[a] = (int32_t)clamp_f((p[a] - m->origin_m[a]) * f->inv_brick, 0.0f, f->grid_max[a]);
+        if ((low && (high || place[a] == 0)) || (high && place[a] == f->dims[a] - 1)) {
+            return 0u;
+        }
+        step[a] = low ? -1 : 1;
+        over |= (uint32_t)(low || high) << a;
+    }
+    step[1] *= f->dims[0];
+    step[2] *= f->dims[0] * f->dims[1];
+    return planes_of_box(f, (place[2] * f->dims[1] + place[1]) * f->dims[0] + place[0], step, over);
+}
+
+void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_planes *out) {
+    const struct cr_img_kind *k = &s->kinds[kind];
+    out->kind = kind;
+    out->count = k->count;
+    out->sign = k->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
+    for (uint32_t i = 0; i < k->count; i++) {
+        const struct cr_img_facet *facet = &s->facets[k->facet[i]];
+        const cr_vec3 normal = v3_scale(v3_from(facet->normal), out->sign);
+        out->normal_tool[i] = xform_unrotate(pose, normal);
+        out->offset_m[i] = v3_dot(normal, pose->t) - facet->offset_m * out->sign;
+    }
+}
+
+/* Heights above plane k. Lanes that are higher above it than above those before are its own. */
+static void measure_plane(const cr_planes *p, const struct cr_img_cluster *c, uint32_t k, cr_heights *out) {
+    const cr_vec3 n = p->normal_tool[k];
+    const float offset = p->offset_m[k];
+    uint32_t higher = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        float height = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
+        out->height_m[k][i] = height;
+        higher |= (uint32_t)(height > out->top_m[i]) << i;
+        out->top_m[i] = max_f(height, out->top_m[i]);
+    }
+    for (uint32_t before = 0; before < k; before++) {
+        out->highest[before] &= ~higher;
+    }
+    out->highest[k] = higher;
+}
+
+void cr_planes_measure(const cr_planes *p, const struct cr_img_cluster *c, cr_heights *out) {
+    const cr_vec3 n = p->normal_tool[0];
+    const float offset = p->offset_m[0];
+    for (int i = 0; i < CR_LANES; i++) {
+        out->height_m[0][i] = out->top_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
+    }
+    out->highest[0] = 0xffffu;
+    for (uint32_t k = 1; k < p->count; k++) {
+        measure_plane(p, c, k, out);
+    }
+    uint32_t under = 0u, below = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        under |= (uint32_t)(out->top_m[i] < c->ramp[i]) << i;
+        below |= (uint32_t)(out->top_m[i] <= -c->ramp[i]) << i;
+    }
+    out->below = below;
+    out->cut = under & ~below;
+    out->bent = 0u;
+}
+
+float cr_planes_distance(const cr_planes *p, const cr_heights *h, int lane) {
+    float height[CR_KIND_FACETS_MAX];
+    uint32_t nearest;
+    cr_vec3 gradient;
+    if (p->count == 1u || h->top_m[lane] <= 0.0f) {
+        return h->top_m[lane];
+    }
+    for (uint32_t k = 0; k < p->count; k++) {
+        height[k] = h->height_m[k][lane];
+    }
+    return cr_convex_distance(p->normal_tool, height, p->count, &nearest, &gradient);
+}

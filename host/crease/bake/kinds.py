@@ -1,0 +1,130 @@
+"""What cells of the voxmap see: the tables KINDS and FACETS of the image, and distances from planes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.bake.layout import FACET, KIND
+from crease.bake.surface import Surface
+from crease.native import lib
+
+F64 = npt.NDArray[np.float64]
+
+
+class Kinds:
+    """The table of what cells see, without repetition, and the facets it names."""
+
+    def __init__(self, surface: Surface) -> None:
+        self._surface = surface
+        self._rows: list[tuple[int, tuple[int, ...]]] = [(int(lib.CR_KIND_EMPTY), ())]
+        self._index: dict[tuple[int, tuple[int, ...]], int] = {self._rows[0]: 0}
+        self._planes: list[tuple[F64, int, int]] = []
+        self._planar: dict[int, int] = {}
+        self._curved: dict[int, int] = {}
+
+    def planar(self, facet: int) -> int:
+        """Index in the image of a real facet."""
+        if facet not in self._planar:
+            self._planar[facet] = len(self._planes)
+            patch = int(self._surface.facet_patch[facet])
+            self._planes.append((self._surface.facet_plane[facet], patch, 0))
+        return self._planar[facet]
+
+    def curved(self, patch: int) -> int:
+        """Index in the image of the facet that stands for a curved patch."""
+        if patch not in self._curved:
+            self._curved[patch] = len(self._planes)
+            mine = self._surface.facet_patch == patch
+            self._planes.append((self._mean(np.flatnonzero(mine)), patch, 1))
+        return self._curved[patch]
+
+    def local(self, facets: npt.NDArray[np.int64], patch: int) -> int:
+        """Index of a new facet that stands for some facets of a curved patch near one cell."""
+        self._planes.append((self._mean(facets), patch, 1))
+        return len(self._planes) - 1
+
+    def _mean(self, facets: npt.NDArray[Any]) -> F64:
+        area = self._surface.facet_area_m2[facets][:, None]
+        plane = (self._surface.facet_plane[facets] * area).sum(axis=0) / max(area.sum(), 1e-300)
+        length = float(np.linalg.norm(plane[:3]))
+        if length < 1e-3:
+            return np.array([0.0, 0.0, 1.0, 0.0])
+        return np.asarray(plane / length)
+
+    def index(self, kind: int, facets: tuple[int, ...]) -> int:
+        """Index of a table row, made when new."""
+        key = (kind, facets)
+        if key not in self._index:
+            self._index[key] = len(self._rows)
+            self._rows.append(key)
+        return self._index[key]
+
+    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """The image sections KINDS and FACETS."""
+        kinds = np.zeros(len(self._rows), KIND)
+        for row, (kind, facets) in zip(kinds, self._rows, strict=True):
+            row["kind"], row["count"] = kind, len(facets)
+            row["facet"][: len(facets)] = facets
+        planes = np.zeros(len(self._planes), FACET)
+        for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
+            row["normal"], row["offset_m"] = plane[:3], plane[3]
+            row["patch"], row["curved"] = patch, curved
+        return kinds, planes
+
+    def row(self, index: int) -> tuple[int, tuple[int, ...]]:
+        """Kind and facets of a table row."""
+        return self._rows[index]
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def is_curved(self, facet: int) -> bool:
+        """Whether a facet of the image stands for several of the mesh."""
+        return bool(self._planes[facet][2])
+
+    def planes_of(self, facets: tuple[int, ...]) -> F64:
+        """Planes of facets of the image, (n, 4)."""
+        return np.array([self._planes[facet][0] for facet in facets])
+
+
+def convex_distance(planes: F64, points: F64) -> F64:
+    """What the firmware computes in a convex crease cell. Shapes: planes (k, 4), points (n, 3), result (n,)."""
+    normal = planes[:, :3]
+    height = points @ normal.T - planes[:, 3]
+    rows = np.arange(len(points))
+    first = height.argmax(axis=1)
+    a = height[rows, first]
+    gram = normal @ normal.T
+    foot = height - a[:, None] * gram[first]
+    foot[rows, first] = -np.inf
+    second = foot.argmax(axis=1)
+    rise, sine2 = foot[rows, second], 1 - gram[first, second] ** 2
+    on_edge = (a > 0) & (rise > 0) & (sine2 >= 1e-6)
+    lift = np.where(on_edge, rise / np.where(on_edge, sine2, 1.0), 0.0)[:, None]
+    offset = a[:, None] * normal[first] + lift * (
+        normal[second] - gram[first, second][:, None] * normal[first]
+    )
+    value = np.where(on_edge, np.linalg.norm(offset, axis=1), a)
+    if len(planes) > 2:
+        foot = height - offset @ normal.T
+        foot[rows, first] = foot[rows, second] = -np.inf
+        third = foot.argmax(axis=1)
+        sides = normal[np.column_stack([first, second, third])]
+        volume = np.linalg.det(sides)
+        at_vertex = on_edge & (foot[rows, third] > 0) & (np.abs(volume) >= 1e-3)
+        if at_vertex.any():
+            three = np.column_stack([a, height[rows, second], height[rows, third]])[at_vertex]
+            corner = np.linalg.solve(sides[at_vertex], three[:, :, None])[:, :, 0]
+            value[at_vertex] = np.linalg.norm(corner, axis=1)
+    return np.asarray(value)
+
+
+def distance_of_kind(kind: Any, facets: npt.NDArray[Any], points: F64) -> F64:
+    """Distances from the planes of a record of KINDS. Shapes: points (n, 3), result (n,)."""
+    mine = facets[kind["facet"][: kind["count"]]]
+    planes = np.column_stack([mine["normal"], mine["offset_m"]]).astype(np.float64)
+    sign = -1.0 if kind["kind"] == lib.CR_KIND_CONCAVE else 1.0
+    return sign * convex_distance(sign * planes, points)
