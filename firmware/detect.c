@@ -50,6 +50,7 @@ typedef struct {
     float per_crease;  /* 1 / crease_m */
     uint32_t kernels;
     cr_planes planes; /* those that the last cluster on planes lay at */
+    float apart_m;    /* a plane this much lower than another does not matter */
 } walk;
 
 /* Leaf spheres waiting for a look, in cluster order: lanes of several groups share one lookup. */
@@ -338,17 +339,16 @@ static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k
 
 /* What a hit touches of the planes it lies at: of each lane the highest, and others as far as they come near that. */
 static void touch_planes(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
-    const struct cr_img_kind *kind = &w->scene->kinds[l->planes->kind];
     const uint32_t first = w->set->touch_count;
     for (uint32_t k = 0; k < l->planes->count; k++) {
         if ((lanes & ~l->heights->highest[k]) == 0u) {
-            touch_plane(w, first, kind->facet[k], &hit->sum);
+            touch_plane(w, first, l->planes->facet[k], &hit->sum);
             continue;
         }
         const uint32_t at = lanes_at_plane(w, l, k, lanes);
         if (at != 0u) {
             const struct cr_img_sum sum = sum_at_plane(w, l, k, at);
-            touch_plane(w, first, kind->facet[k], &sum);
+            touch_plane(w, first, l->planes->facet[k], &sum);
         }
     }
 }
@@ -436,57 +436,49 @@ static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane)
     return 0.0f;
 }
 
-/* Coverage of the lanes that planes cut, in the mode of the options. Returns the lanes that are covered at all. */
-static uint32_t cover_cut_lanes(const walk *w, const struct cr_img_cluster *c, cr_heights *h, float *coverage) {
-    const cr_planes *p = &w->planes;
-    uint32_t covered = 0u;
-    for (uint32_t left = h->cut; left != 0u;) {
-        const int i = take_lane(&left);
-        float height[CR_KIND_FACETS_MAX], top = h->top_m[i], distance = cr_planes_distance(p, h, i);
-        h->distance_m[i] = distance;
-        h->bent |= (uint32_t)(distance > top) << i;
+/* A lane that planes cut: its coverage, in the mode of the options, and what follows from its distance. */
+static void cover_cut_lane(const walk *w, looked *l, int i, float *coverage) {
+    const cr_planes *p = l->planes;
+    const float top = l->heights->top_m[i], distance = cr_planes_distance(p, l->heights, i), phi_m = distance * p->sign;
+    float height[CR_KIND_FACETS_MAX], share = (float)(top <= 0.0f);
+    const uint32_t bit = 1u << i;
+    if (w->options->coverage != CR_COVERAGE_HARD) {
         for (uint32_t k = 0; k < p->count; k++) {
-            height[k] = h->height_m[k][i];
+            height[k] = l->heights->height_m[k][i];
         }
-        float share = w->options->coverage == CR_COVERAGE_HARD
-                          ? (float)(top <= 0.0f)
-                          : cr_cover_by_planes(p, c, i, height, top, distance);
-        coverage[i] = p->sign < 0.0f ? 1.0f - share : share;
-        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+        share = cr_cover_by_planes(p, l->c, i, height, top, distance);
     }
-    return covered;
+    coverage[i] = p->sign < 0.0f ? 1.0f - share : share;
+    l->covered |= coverage[i] > 0.0f ? bit : 0u;
+    l->full |= coverage[i] >= 1.0f ? bit : 0u;
+    l->inside |= phi_m <= 0.0f ? bit : 0u;
+    l->near |= phi_m < l->c->reach[i] ? bit & l->c->crease_mask : 0u;
 }
 
 static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = (1u << c->count) - 1u;
-    const int concave = w->planes.sign < 0.0f;
     cr_heights h;
+    cr_planes one;
     float coverage[CR_LANES];
-    cr_planes_measure(&w->planes, c, &h);
-    h.cut &= used;
-    uint32_t full = (concave ? ~(h.below | h.cut) : h.below) & used;
+    const cr_vec3 centre = v3(b->x[lane], b->y[lane], b->z[lane]);
+    const cr_planes *p = cr_planes_alone(&w->planes, centre, b->radius[lane], w->apart_m, &one);
+    cr_planes_measure(p, c, &h);
+    const uint32_t cut = h.cut & used, full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used;
+    looked l = {cluster, c, NULL, NULL, p, &h, coverage, full, full, full, full & c->crease_mask};
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
-    const uint32_t covered = full | cover_cut_lanes(w, c, &h, coverage);
-    if (covered == 0u) {
-        float phi_m[CR_LANES];
+    for (uint32_t left = cut; left != 0u;) {
+        cover_cut_lane(w, &l, take_lane(&left), coverage);
+    }
+    if (l.covered == 0u) {
         for (int i = 0; i < CR_LANES; i++) {
-            phi_m[i] = h.top_m[i] * w->planes.sign;
+            coverage[i] = h.top_m[i] * p->sign;
         }
-        return max_f(0.0f, smallest_clearance(c, phi_m, w->slack_out_m));
+        return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
     }
-    uint32_t inside = full, near = full & c->crease_mask;
-    for (uint32_t left = h.cut; left != 0u;) {
-        const int i = take_lane(&left);
-        const float phi_m = h.distance_m[i] * w->planes.sign;
-        full |= (uint32_t)(coverage[i] >= 1.0f) << i;
-        inside |= (uint32_t)(phi_m <= 0.0f) << i;
-        near |= (uint32_t)(phi_m < c->reach[i]) << i & c->crease_mask;
-    }
-    near |= covered & ~inside & ~(c->crease_mask | c->vertex_mask);
-    const looked l = {cluster, c, NULL, NULL, &w->planes, &h, coverage, covered, full, inside, near};
+    l.near |= l.covered & ~l.inside & ~(c->crease_mask | c->vertex_mask);
     take_points(w, &l, b, lane);
     return 0.0f;
 }
@@ -656,11 +648,12 @@ static int tool_is_free(walk *w) {
 
 void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
                cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u, {0}};
+    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u, {0}, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
     w.per_crease = 1.0f / max_f(field->scene->meta->crease_m, 1e-9f);
+    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
     set->hit_count = 0u;
     set->touch_count = 0u;
     if (tool_is_free(&w)) {

@@ -112,12 +112,41 @@ void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_plan
     out->kind = kind;
     out->count = k->count;
     out->sign = k->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
+    out->spread = 0.0f;
     for (uint32_t i = 0; i < k->count; i++) {
         const struct cr_img_facet *facet = &s->facets[k->facet[i]];
         const cr_vec3 normal = v3_scale(v3_from(facet->normal), out->sign);
         out->normal_tool[i] = xform_unrotate(pose, normal);
         out->offset_m[i] = v3_dot(normal, pose->t) - facet->offset_m * out->sign;
+        out->facet[i] = k->facet[i];
+        for (uint32_t j = 0; j < i; j++) {
+            out->spread = max_f(out->spread, v3_norm(v3_sub(out->normal_tool[i], out->normal_tool[j])));
+        }
     }
+}
+
+const cr_planes *cr_planes_alone(const cr_planes *p, cr_vec3 p_tool, float radius_m, float apart_m, cr_planes *one) {
+    float first = -3.4e38f, second = first;
+    uint32_t best = 0u;
+    if (p->count == 1u) {
+        return p;
+    }
+    for (uint32_t k = 0; k < p->count; k++) {
+        const float height = v3_dot(p->normal_tool[k], p_tool) + p->offset_m[k];
+        second = max_f(second, min_f(height, first));
+        best = height > first ? k : best;
+        first = max_f(height, first);
+    }
+    if (first - second <= p->spread * radius_m + apart_m) {
+        return p;
+    }
+    one->kind = p->kind;
+    one->count = 1u;
+    one->sign = p->sign;
+    one->normal_tool[0] = p->normal_tool[best];
+    one->offset_m[0] = p->offset_m[best];
+    one->facet[0] = p->facet[best];
+    return one;
 }
 
 /* Heights above plane k. Lanes that are higher above it than above those before are its own. */
@@ -154,7 +183,6 @@ void cr_planes_measure(const cr_planes *p, const struct cr_img_cluster *c, cr_he
     }
     out->below = below;
     out->cut = under & ~below;
-    out->bent = 0u;
 }
 
 float cr_planes_distance(const cr_planes *p, const cr_heights *h, int lane) {

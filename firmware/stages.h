@@ -72,6 +72,8 @@ typedef struct {
     uint32_t kind; /* index into scene->kinds; 0: none */
     uint32_t count;
     float sign;
+    float spread; /* largest |difference| of two normals */
+    uint32_t facet[CR_KIND_FACETS_MAX];
     cr_vec3 normal_tool[CR_KIND_FACETS_MAX];
     float offset_m[CR_KIND_FACETS_MAX];
 } cr_planes;
@@ -80,10 +82,8 @@ typedef struct {
 typedef struct {
     float height_m[CR_KIND_FACETS_MAX][CR_LANES];
     float top_m[CR_LANES];                /* the largest height */
-    float distance_m[CR_LANES];           /* to the convex solid, of the lanes in `bent` */
     uint32_t highest[CR_KIND_FACETS_MAX]; /* lanes whose largest height is above that plane */
     uint32_t below, cut; /* lanes whose piece lies below all planes, lanes whose piece is cut by one; the rest is outside */
-    uint32_t bent;       /* lanes cut beside an edge or a vertex: farther than their largest height; the others are not */
 } cr_heights;
 
 /* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.
@@ -92,6 +92,10 @@ uint32_t cr_planes_around(const cr_field *field, const cr_lookup *at, int lane, 
 
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
+
+/* Purpose  the one plane that matters within radius_m of a point: all others lie more than apart_m below it everywhere there.
+ * Output   *one and its address, or the planes themselves when several matter. */
+const cr_planes *cr_planes_alone(const cr_planes *planes, cr_vec3 p_tool, float radius_m, float apart_m, cr_planes *one);
 
 /* Purpose  heights of the samples of a cluster.   Cost  20 instructions a lane and plane on a Cortex-M7. */
 void cr_planes_measure(const cr_planes *planes, const struct cr_img_cluster *cluster, cr_heights *out);
