@@ -92,8 +92,8 @@ static float cover_looked_up(const cr_planes *p, const struct cr_img_cluster *c,
     return p->sign < 0.0f ? 1.0f - share : share;
 }
 
-void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c,
-              const cr_lookup *at, float *coverage) {
+void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c, const cr_lookup *at,
+              float *coverage) {
     if (mode == CR_COVERAGE_HARD) {
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;

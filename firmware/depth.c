@@ -251,7 +251,8 @@ static float lowest_on_faces(const spot *r, uint32_t lanes, float best) {
     for (int step = 0; step < FACE_STEPS && lanes != 0u; step++) {
         for (uint32_t left = lanes; left != 0u;) {
             int i = take_lane(&left);
-            const sloped_at slope = {at.phi_m[i], xform_unrotate(in->world_from_tool, v3(at.gx[i], at.gy[i], at.gz[i]))};
+            const sloped_at slope = {at.phi_m[i],
+                                     xform_unrotate(in->world_from_tool, v3(at.gx[i], at.gy[i], at.gz[i]))};
             cr_vec3 p = slide_on_face(c, i, slope, lane_of(&place, i));
             place.x[i] = p.x;
             place.y[i] = p.y;
@@ -375,7 +376,8 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     }
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
-        best = (creases >> i) & 1u ? lowest_on_crease_over(&r, planes, i, best) : lowest_on_face_over(&r, planes, i, best);
+        best =
+            (creases >> i) & 1u ? lowest_on_crease_over(&r, planes, i, best) : lowest_on_face_over(&r, planes, i, best);
     }
     return best;
 }

@@ -260,7 +260,8 @@ typedef struct {
     const struct cr_img_cluster *c;
     const cr_lanes3 *world; /* looked up: the points and what was found at each */
     const cr_lookup *at;
-    const cr_planes *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
+    const cr_planes
+        *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
     const cr_heights *heights;
     const float *coverage; /* 0 where `covered` is not set */
     uint32_t covered, full, inside, near;
@@ -379,7 +380,7 @@ static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
     for (int i = 0; i < CR_LANES && lanes != l->covered; i++) {
         some[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
     }
-    for (uint32_t left = l->near != 0u ? lanes : 0u; left != 0u;) {
+    for (uint32_t left = lanes; left != 0u && (l->near & ~around) != 0u;) {
         around |= l->c->beside[take_lane(&left)];
     }
     hit->covered = (uint16_t)lanes;
@@ -436,23 +437,23 @@ static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane)
     return 0.0f;
 }
 
-/* A lane that planes cut: its coverage, in the mode of the options, and what follows from its distance. */
-static void cover_cut_lane(const walk *w, looked *l, int i, float *coverage) {
+/* Coverage of a lane that planes cut, in the mode of the options, and its distance. */
+static float cover_cut_lane(const walk *w, const looked *l, int i, float *phi_m) {
     const cr_planes *p = l->planes;
-    const float top = l->heights->top_m[i], distance = cr_planes_distance(p, l->heights, i), phi_m = distance * p->sign;
-    float height[CR_KIND_FACETS_MAX], share = (float)(top <= 0.0f);
-    const uint32_t bit = 1u << i;
-    if (w->options->coverage != CR_COVERAGE_HARD) {
+    const float top = l->heights->top_m[i];
+    float height[CR_KIND_FACETS_MAX], distance = top, share = (float)(top <= 0.0f);
+    height[0] = top;
+    if (p->count > 1u) {
         for (uint32_t k = 0; k < p->count; k++) {
             height[k] = l->heights->height_m[k][i];
         }
+        distance = cr_planes_distance(p, height, top);
+    }
+    if (w->options->coverage != CR_COVERAGE_HARD) {
         share = cr_cover_by_planes(p, l->c, i, height, top, distance);
     }
-    coverage[i] = p->sign < 0.0f ? 1.0f - share : share;
-    l->covered |= coverage[i] > 0.0f ? bit : 0u;
-    l->full |= coverage[i] >= 1.0f ? bit : 0u;
-    l->inside |= phi_m <= 0.0f ? bit : 0u;
-    l->near |= phi_m < l->c->reach[i] ? bit & l->c->crease_mask : 0u;
+    *phi_m = distance * p->sign;
+    return p->sign < 0.0f ? 1.0f - share : share;
 }
 
 static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane) {
@@ -464,21 +465,30 @@ static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane)
     const cr_vec3 centre = v3(b->x[lane], b->y[lane], b->z[lane]);
     const cr_planes *p = cr_planes_alone(&w->planes, centre, b->radius[lane], w->apart_m, &one);
     cr_planes_measure(p, c, &h);
-    const uint32_t cut = h.cut & used, full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used;
-    looked l = {cluster, c, NULL, NULL, p, &h, coverage, full, full, full, full & c->crease_mask};
+    uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
+    looked l = {cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
-    for (uint32_t left = cut; left != 0u;) {
-        cover_cut_lane(w, &l, take_lane(&left), coverage);
+    for (uint32_t left = h.cut & used; left != 0u;) {
+        const int i = take_lane(&left);
+        float phi_m;
+        coverage[i] = cover_cut_lane(w, &l, i, &phi_m);
+        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+        full |= (uint32_t)(coverage[i] >= 1.0f) << i;
+        inside |= (uint32_t)(phi_m <= 0.0f) << i;
+        near |= (uint32_t)(phi_m < c->reach[i]) << i;
     }
-    if (l.covered == 0u) {
+    if (covered == 0u) {
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = h.top_m[i] * p->sign;
         }
         return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
     }
-    l.near |= l.covered & ~l.inside & ~(c->crease_mask | c->vertex_mask);
+    l.covered = covered;
+    l.full = full;
+    l.inside = inside;
+    l.near = (near & c->crease_mask) | (covered & ~inside & ~(c->crease_mask | c->vertex_mask));
     take_points(w, &l, b, lane);
     return 0.0f;
 }
@@ -486,7 +496,8 @@ static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane)
 /* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
 static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    const uint32_t kind = cr_planes_around(w->field, &b->centres, lane, centre, b->radius[lane] + b->margin[lane]);
+    const float reach_m = b->radius[lane] + b->margin[lane];
+    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, reach_m);
     w->stats->points += w->scene->clusters[cluster].count;
     if (kind == 0u) {
         return look_up_points(w, cluster, b, lane);

@@ -84,6 +84,8 @@ typedef struct {
 
 /* Purpose  build, open and initialise; asserts that all of it works. config null: the defaults. */
 void crt_open(crt_rig *rig, const crt_solid *solid, const crt_tool *tool, double voxel_m, const cr_config *config);
+/* Purpose  let every brick know that all planes of the solid, no ball, give its distances. */
+void crt_mark_planes(crt_rig *rig);
 void crt_close(crt_rig *rig);
 /* Purpose  back to the state before the first tick, with these settings. */
 void crt_restart(crt_rig *rig, const cr_config *config);
