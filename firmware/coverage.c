@@ -92,8 +92,8 @@ static float cover_looked_up(const cr_planes *p, const struct cr_img_cluster *c,
     return p->sign < 0.0f ? 1.0f - share : share;
 }
 
-void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c,
-              const cr_lookup *at, float *coverage) {
+void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c, const cr_lookup *at,
+              float *coverage) {
     if (mode == CR_COVERAGE_HARD) {
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
@@ -116,10 +116,9 @@ void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct 
 }
 
 void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {
-    float area[CR_LANES], one[CR_LANES];
+    float area[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
         area[i] = w[i] * c->area[i];
-        one[i] = 1.0f;
     }
     sum->ax = sum_products(w, c->ax);
     sum->ay = sum_products(w, c->ay);
@@ -127,7 +126,7 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_im
     sum->px = sum_products(area, c->x);
     sum->py = sum_products(area, c->y);
     sum->pz = sum_products(area, c->z);
-    sum->area = sum_products(area, one);
+    sum->area = sum_products(w, c->area);
     sum->peak = w[0];
     for (int i = 1; i < CR_LANES; i++) {
         sum->peak = max_f(sum->peak, w[i]);

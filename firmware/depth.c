@@ -150,18 +150,26 @@ static int lies_behind(const probe *d, cr_vec3 p_world) {
     return 1;
 }
 
+static int is_own(const cr_respond_input *in, const probe *d, cr_vec3 p_tool) {
+    return d->behind == 0u || lies_behind(d, xform_point(in->world_from_tool, p_tool));
+}
+
+/* One cluster, and what is measured at it. */
+typedef struct {
+    const cr_respond_input *in;
+    const struct cr_img_cluster *c;
+    const probe *probe;
+} spot;
+
 /* Lowest n . p of a cluster's internal points; best is the lowest so far. */
 static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
     const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
-    uint32_t lanes = in->config->vertices_only ? hit->inside & c->vertex_mask : hit->inside;
-    float height[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        height[i] = c->x[i] * d->n_tool.x + c->y[i] * d->n_tool.y + c->z[i] * d->n_tool.z + d->shift_m;
-    }
-    for (int i = 0; i < CR_LANES; i++) {
-        if (((lanes >> i) & 1u) && height[i] < best &&
-            (d->behind == 0u || lies_behind(d, xform_point(in->world_from_tool, v3(c->x[i], c->y[i], c->z[i]))))) {
-            best = height[i];
+    const cr_vec3 n = d->n_tool;
+    for (uint32_t left = in->config->vertices_only ? hit->inside & c->vertex_mask : hit->inside; left != 0u;) {
+        const int i = take_lane(&left);
+        float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
+        if (height < best && is_own(in, d, v3(c->x[i], c->y[i], c->z[i]))) {
+            best = height;
         }
     }
     return best;
@@ -172,97 +180,205 @@ static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, const 
 static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hit, const probe *d, float best) {
     const cr_vec3 n = d->n_tool;
     uint32_t lanes = 0u;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !((hit->near >> i) & 1u)) {
-            continue;
+    for (uint32_t left = hit->near & ((1u << c->count) - 1u); left != 0u;) {
+        const int i = take_lane(&left);
+        float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
+        if (height - 1.001f * c->ramp[i] >= best) {
+            continue; /* half the width is at most the ramp */
         }
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float fall2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
         float part = (c->crease_mask >> i) & 1u ? c->reach[i] / (2.0f * c->ramp[i]) : 0.5f * FACE_PART;
-        float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
         lanes |= (uint32_t)(height - part * sqrtf(max_f(0.0f, fall2)) < best) << i;
     }
-    return lanes & hit->near & ((1u << c->count) - 1u);
+    return lanes;
 }
+
+/* Distance and its gradient at a point, tool frame. */
+typedef struct {
+    float phi_m;
+    cr_vec3 gradient;
+} sloped_at;
+
+static cr_vec3 middle_of(const struct cr_img_cluster *c, int lane) { return v3(c->x[lane], c->y[lane], c->z[lane]); }
 
 /* Moves a face sample, now at p, down the distance along its piece: a little beyond the surface, at most FACE_PART of the way from
  * the piece's middle to its border. */
-static cr_vec3 slide_on_face(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int i,
-                             cr_vec3 middle_world, cr_vec3 p_world) {
-    cr_vec3 g = xform_unrotate(pose, v3(at->gx[i], at->gy[i], at->gz[i]));
-    cr_vec3 way = spread_times(c, i, g);
-    float fall = v3_dot(way, g);
-    if (!(fall > 0.0f) || !(at->phi_m[i] > -FACE_AIM * c->ramp[i])) {
-        return p_world;
+static cr_vec3 slide_on_face(const struct cr_img_cluster *c, int i, sloped_at at, cr_vec3 p_tool) {
+    cr_vec3 way = spread_times(c, i, at.gradient);
+    float fall = v3_dot(way, at.gradient), aim_m = FACE_AIM * c->ramp[i];
+    if (!(fall > 0.0f) || !(at.phi_m > -aim_m)) {
+        return p_tool;
     }
-    cr_vec3 to = v3_mad(p_world, xform_rotate(pose, way), -(at->phi_m[i] + FACE_AIM * c->ramp[i]) / fall);
-    cr_vec3 out = v3_sub(to, middle_world), out_tool = xform_unrotate(pose, out);
+    cr_vec3 middle = middle_of(c, i), to = v3_mad(p_tool, way, -(at.phi_m + aim_m) / fall), out = v3_sub(to, middle);
     float length2 = v3_dot(out, out);
     /* Half the piece's width that way is 1/2 sqrt(u W u) for the unit vector u. */
-    float half2 = 0.25f * FACE_PART * FACE_PART * v3_dot(out_tool, spread_times(c, i, out_tool));
-    return length2 * length2 > half2 ? v3_mad(middle_world, out, sqrtf(max_f(0.0f, half2)) / length2) : to;
+    float half2 = 0.25f * FACE_PART * FACE_PART * v3_dot(out, spread_times(c, i, out));
+    return length2 * length2 > half2 ? v3_mad(middle, out, sqrtf(max_f(0.0f, half2)) / length2) : to;
 }
 
-/* Height along n that the piece of face lane i gives, entered at p: the contact plane's where it does not count. It counts as far as
- * it is certainly inside there, the bow of the piece and the error of the distance taken off, and as far as it is covered. */
-static float height_on_face(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d,
-                            const cr_lookup *at, int i, cr_vec3 p, float coverage) {
-    int exact = (int)((at->from_facet >> i) & 1u); /* distances from planes are */
-    float unsure_m = c->bow[i] + (exact ? LANDING_M : in->field->scene->meta->error_max_m);
-    float inside = clamp_f(-(at->phi_m[i] + unsure_m) / (FACE_INSIDE * c->ramp[i]), 0.0f, 1.0f);
-    float depth = max_f(0.0f, d->plane_m - v3_dot(d->n_world, p) - c->bow[i]);
-    return lies_behind(d, p) ? d->plane_m - min_f(1.0f, coverage / FACE_FULL) * inside * depth : d->plane_m;
+/* Deep enough to count in full: there is no further to go. */
+static int is_entered(const struct cr_img_cluster *c, int i, float phi_m) {
+    return phi_m <= -0.8f * FACE_AIM * c->ramp[i];
+}
+
+/* Height along n that the piece of face lane i gives, entered at p, at a distance that error_m may be off: the contact plane's where
+ * it does not count. It counts as far as it is certainly inside there, the bow of the piece and the error taken off, and as far as it
+ * is covered. */
+static float height_on_face(const spot *r, int i, cr_vec3 p_tool, float phi_m, float error_m, float coverage) {
+    const struct cr_img_cluster *c = r->c;
+    const probe *d = r->probe;
+    float inside = clamp_f(-(phi_m + c->bow[i] + error_m) / (FACE_INSIDE * c->ramp[i]), 0.0f, 1.0f);
+    float depth = max_f(0.0f, d->plane_m - v3_dot(d->n_tool, p_tool) - d->shift_m - c->bow[i]);
+    return is_own(r->in, d, p_tool) ? d->plane_m - min_f(1.0f, coverage / FACE_FULL) * inside * depth : d->plane_m;
 }
 
 /* Lowest n . p where a static edge or corner reaches into faces between their samples: each sample goes to where its piece enters.
  * A piece that is outside gives nothing. */
-static float lowest_on_faces(const cr_respond_input *in, const struct cr_img_cluster *c, const probe *d, cr_lookup *at,
-                             cr_lanes3 *world, uint32_t lanes, float best) {
+static float lowest_on_faces(const spot *r, uint32_t lanes, float best) {
+    const cr_respond_input *in = r->in;
+    const struct cr_img_cluster *c = r->c;
     float coverage[CR_LANES];
-    cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, at, coverage);
-    const cr_lanes3 middle = *world;
+    cr_lanes3 place, world;
+    cr_lookup at;
+    cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
+    cr_field_look_up_lanes(in->field, &world, lanes, &at);
+    cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, &at, coverage);
+    for (int i = 0; i < CR_LANES; i++) {
+        place.x[i] = c->x[i];
+        place.y[i] = c->y[i];
+        place.z[i] = c->z[i];
+    }
     for (int step = 0; step < FACE_STEPS && lanes != 0u; step++) {
         for (uint32_t left = lanes; left != 0u;) {
             int i = take_lane(&left);
-            cr_vec3 p = slide_on_face(c, at, in->world_from_tool, i, lane_of(&middle, i), lane_of(world, i));
-            world->x[i] = p.x;
-            world->y[i] = p.y;
-            world->z[i] = p.z;
+            const sloped_at slope = {at.phi_m[i],
+                                     xform_unrotate(in->world_from_tool, v3(at.gx[i], at.gy[i], at.gz[i]))};
+            cr_vec3 p = slide_on_face(c, i, slope, lane_of(&place, i));
+            place.x[i] = p.x;
+            place.y[i] = p.y;
+            place.z[i] = p.z;
         }
-        cr_field_look_up_lanes(in->field, world, lanes, at);
+        cr_lanes_to_world(in->world_from_tool, place.x, place.y, place.z, &world);
+        cr_field_look_up_lanes(in->field, &world, lanes, &at);
         for (uint32_t left = lanes; left != 0u;) {
             int i = take_lane(&left);
-            best = min_f(best, height_on_face(in, c, d, at, i, lane_of(world, i), coverage[i]));
-            /* Deep enough to count in full: there is no further to go. */
-            lanes &= at->phi_m[i] > -0.8f * FACE_AIM * c->ramp[i] ? lanes : ~(1u << i);
+            /* Distances from planes are exact. */
+            float error_m = (at.from_facet >> i) & 1u ? LANDING_M : in->field->scene->meta->error_max_m;
+            best = min_f(best, height_on_face(r, i, lane_of(&place, i), at.phi_m[i], error_m, coverage[i]));
+            lanes &= is_entered(c, i, at.phi_m[i]) ? ~(1u << i) : lanes;
         }
     }
     return best;
 }
 
-/* Lowest n . p of the pieces of a cluster whose middle may be outside. */
-static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const probe *d, float best) {
-    const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
-    uint32_t lanes = find_low_pieces(c, hit, d, best), creases = lanes & c->crease_mask, faces = lanes & ~creases;
-    if (lanes == 0u) {
-        return best;
-    }
+/* Lowest n . p of pieces of creases, looked up. */
+static float lowest_on_creases(const spot *r, uint32_t lanes, float best) {
     cr_lanes3 world;
     cr_lookup at;
-    /* Each overwrites what it is given: two lookups one after the other take half the stack of two at once. */
-    if (faces != 0u) {
-        cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
-        cr_field_look_up_lanes(in->field, &world, faces, &at);
-        best = lowest_on_faces(in, c, d, &at, &world, faces, best);
+    cr_lanes_to_world(r->in->world_from_tool, r->c->x, r->c->y, r->c->z, &world);
+    cr_field_look_up_lanes(r->in->field, &world, lanes, &at);
+    enter_pieces(r->in, r->c, r->probe->n_tool, &at, &world, &lanes);
+    while (lanes != 0u) {
+        cr_vec3 p = lane_of(&world, take_lane(&lanes));
+        best = lies_behind(r->probe, p) ? min_f(best, v3_dot(r->probe->n_world, p)) : best;
     }
-    if (creases != 0u) {
-        cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
-        cr_field_look_up_lanes(in->field, &world, creases, &at);
-        enter_pieces(in, c, d->n_tool, &at, &world, &creases);
+    return best;
+}
+
+/* Distance at a point above planes, and the largest height. */
+static sloped_at measure_at(const cr_planes *p, cr_vec3 p_tool, float *height, float *top) {
+    sloped_at at;
+    uint32_t nearest;
+    for (uint32_t k = 0; k < p->count; k++) {
+        height[k] = v3_dot(p->normal_tool[k], p_tool) + p->offset_m[k];
     }
-    while (creases != 0u) {
-        cr_vec3 p = lane_of(&world, take_lane(&creases));
-        best = lies_behind(d, p) ? min_f(best, v3_dot(d->n_world, p)) : best;
+    at.phi_m = p->sign * cr_convex_distance(p->normal_tool, height, p->count, &nearest, &at.gradient);
+    at.gradient = v3_scale(at.gradient, p->sign);
+    *top = height[nearest];
+    return at;
+}
+
+/* The same as lowest_on_faces for one lane where the static object is planes: no lookups. */
+static float lowest_on_face_over(const spot *r, const cr_planes *planes, int i, float best) {
+    float height[CR_KIND_FACETS_MAX], top;
+    cr_vec3 p = middle_of(r->c, i);
+    sloped_at at = measure_at(planes, p, height, &top);
+    float share = cr_cover_by_planes(planes, r->c, i, height, top, at.phi_m * planes->sign);
+    const float coverage = planes->sign < 0.0f ? 1.0f - share : share;
+    for (int step = 0; step < FACE_STEPS; step++) {
+        p = slide_on_face(r->c, i, at, p);
+        at = measure_at(planes, p, height, &top);
+        best = min_f(best, height_on_face(r, i, p, at.phi_m, LANDING_M, coverage));
+        if (is_entered(r->c, i, at.phi_m)) {
+            break;
+        }
+    }
+    return best;
+}
+
+/* Crease pieces run from part -1, their upper end, over their middle at 0 to part 1. NOWHERE is before all of them. */
+#define NOWHERE (-2.0f)
+
+/* Last part of a piece that lies below all planes. */
+static float last_below_all(const cr_planes *p, cr_vec3 middle, cr_vec3 down) {
+    float first = -1.0f, last = 1.0f;
+    for (uint32_t k = 0; k < p->count; k++) {
+        float height = v3_dot(p->normal_tool[k], middle) + p->offset_m[k], rise = v3_dot(p->normal_tool[k], down);
+        if (rise > 0.0f) {
+            last = min_f(last, -height / rise);
+        } else if (rise < 0.0f) {
+            first = max_f(first, -height / rise);
+        } else if (height > 0.0f) {
+            return NOWHERE;
+        }
+    }
+    return first <= last ? last : NOWHERE;
+}
+
+/* Last part of a piece that lies above some plane: inside, where the planes bound the space round the static object. */
+static float last_above_one(const cr_planes *p, cr_vec3 middle, cr_vec3 down) {
+    float last = NOWHERE;
+    for (uint32_t k = 0; k < p->count; k++) {
+        float height = v3_dot(p->normal_tool[k], middle) + p->offset_m[k], rise = v3_dot(p->normal_tool[k], down);
+        if (height + rise >= 0.0f) {
+            return 1.0f;
+        }
+        last = rise < 0.0f ? max_f(last, -height / rise) : last;
+    }
+    return last;
+}
+
+/* Lowest n . p of a piece of crease where the static object is planes. */
+static float lowest_on_crease_over(const spot *r, const cr_planes *planes, int i, float best) {
+    const probe *d = r->probe;
+    cr_vec3 middle = middle_of(r->c, i);
+    cr_vec3 down = v3_scale(v3_unit(spread_times(r->c, i, d->n_tool), 0.0f), -r->c->reach[i]);
+    float part = planes->sign < 0.0f ? last_above_one(planes, middle, down) : last_below_all(planes, middle, down);
+    if (part < -1.0f) {
+        return best;
+    }
+    cr_vec3 p = v3_mad(middle, down, part);
+    return is_own(r->in, d, p) ? min_f(best, v3_dot(d->n_tool, p) + d->shift_m) : best;
+}
+
+/* Lowest n . p of the pieces of a cluster whose middle may be outside. */
+static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const probe *d, cr_planes *planes, float best) {
+    const spot r = {in, &in->field->scene->clusters[hit->cluster], d};
+    uint32_t lanes = find_low_pieces(r.c, hit, d, best);
+    const uint32_t creases = lanes & r.c->crease_mask, faces = lanes & ~creases;
+    if (hit->planes == 0u) {
+        /* One after the other: they take half the stack of two lookups at once. */
+        best = faces != 0u ? lowest_on_faces(&r, faces, best) : best;
+        return creases != 0u ? lowest_on_creases(&r, creases, best) : best;
+    }
+    if (planes->kind != hit->planes && lanes != 0u) {
+        cr_planes_turn(in->field->scene, in->world_from_tool, hit->planes, planes);
+    }
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        best =
+            (creases >> i) & 1u ? lowest_on_crease_over(&r, planes, i, best) : lowest_on_face_over(&r, planes, i, best);
     }
     return best;
 }
@@ -273,6 +389,8 @@ float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *
     const probe d = {
         n, xform_unrotate(in->world_from_tool, n), plane_m, v3_dot(n, in->world_from_tool->t), area, part->behind};
     float best = plane_m;
+    cr_planes planes;
+    planes.kind = 0u;
     uint32_t all = (1u << area->zone_count) - 1u;
     for (int near = 0; near < 2 && !(near && in->config->vertices_only); near++) {
         uint32_t touch = 0u;
@@ -283,7 +401,7 @@ float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *
                 continue;
             }
             if (near) {
-                best = hit->near ? lowest_near(in, hit, &d, best) : best;
+                best = hit->near ? lowest_near(in, hit, &d, &planes, best) : best;
             } else {
                 best = lowest_inside(in, hit, &d, best);
             }

@@ -54,6 +54,7 @@ typedef struct {
     float slack_in_m;  /* the same inside */
     uint32_t lookups;
     cr_planes planes; /* those that the last cluster on planes lay at */
+    float apart_m;    /* a plane this much lower than another does not matter */
 } walk;
 
 /* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
@@ -243,7 +244,8 @@ typedef struct {
     const struct cr_img_cluster *c;
     const cr_lanes3 *world; /* looked up: the points and what was found at each */
     const cr_lookup *at;
-    const cr_planes *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
+    const cr_planes
+        *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
     const cr_heights *heights;
     const float *coverage; /* 0 where `covered` is not set */
     uint32_t covered, full, inside, near;
@@ -329,17 +331,16 @@ static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k
 
 /* What a hit touches of the planes it lies at: of each lane the highest, and others as far as they come near that. */
 static void touch_planes(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
-    const struct cr_img_kind *kind = &w->scene->kinds[l->planes->kind];
     const uint32_t first = w->set->touch_count;
     for (uint32_t k = 0; k < l->planes->count; k++) {
         if ((lanes & ~l->heights->highest[k]) == 0u) {
-            touch_plane(w, first, kind->facet[k], &hit->sum);
+            touch_plane(w, first, l->planes->facet[k], &hit->sum);
             continue;
         }
         const uint32_t at = lanes_at_plane(w, l, k, lanes);
         if (at != 0u) {
             const struct cr_img_sum sum = sum_at_plane(w, l, k, at);
-            touch_plane(w, first, kind->facet[k], &sum);
+            touch_plane(w, first, l->planes->facet[k], &sum);
         }
     }
 }
@@ -370,7 +371,7 @@ static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
     for (int i = 0; i < CR_LANES && lanes != l->covered; i++) {
         some[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
     }
-    for (uint32_t left = l->near != 0u ? lanes : 0u; left != 0u;) {
+    for (uint32_t left = lanes; left != 0u && (l->near & ~around) != 0u;) {
         around |= l->c->beside[take_lane(&left)];
     }
     hit->covered = (uint16_t)lanes;
@@ -427,57 +428,58 @@ static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane)
     return 0.0f;
 }
 
-/* Coverage of the lanes that planes cut, in the mode of the options. Returns the lanes that are covered at all. */
-static uint32_t cover_cut_lanes(const walk *w, const struct cr_img_cluster *c, cr_heights *h, float *coverage) {
-    const cr_planes *p = &w->planes;
-    uint32_t covered = 0u;
-    for (uint32_t left = h->cut; left != 0u;) {
-        const int i = take_lane(&left);
-        float height[CR_KIND_FACETS_MAX], top = h->top_m[i], distance = cr_planes_distance(p, h, i);
-        h->distance_m[i] = distance;
-        h->bent |= (uint32_t)(distance > top) << i;
+/* Coverage of a lane that planes cut, in the mode of the options, and its distance. */
+static float cover_cut_lane(const walk *w, const looked *l, int i, float *phi_m) {
+    const cr_planes *p = l->planes;
+    const float top = l->heights->top_m[i];
+    float height[CR_KIND_FACETS_MAX], distance = top, share = (float)(top <= 0.0f);
+    height[0] = top;
+    if (p->count > 1u) {
         for (uint32_t k = 0; k < p->count; k++) {
-            height[k] = h->height_m[k][i];
+            height[k] = l->heights->height_m[k][i];
         }
-        float share = w->options->coverage == CR_COVERAGE_HARD
-                          ? (float)(top <= 0.0f)
-                          : cr_cover_by_planes(p, c, i, height, top, distance);
-        coverage[i] = p->sign < 0.0f ? 1.0f - share : share;
-        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+        distance = cr_planes_distance(p, height, top);
     }
-    return covered;
+    if (w->options->coverage != CR_COVERAGE_HARD) {
+        share = cr_cover_by_planes(p, l->c, i, height, top, distance);
+    }
+    *phi_m = distance * p->sign;
+    return p->sign < 0.0f ? 1.0f - share : share;
 }
 
 static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = (1u << c->count) - 1u;
-    const int concave = w->planes.sign < 0.0f;
     cr_heights h;
+    cr_planes one;
     float coverage[CR_LANES];
-    cr_planes_measure(&w->planes, c, &h);
-    h.cut &= used;
-    uint32_t full = (concave ? ~(h.below | h.cut) : h.below) & used;
+    const cr_vec3 centre = v3(b->x[lane], b->y[lane], b->z[lane]);
+    const cr_planes *p = cr_planes_alone(&w->planes, centre, b->radius[lane], w->apart_m, &one);
+    cr_planes_measure(p, c, &h);
+    uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
+    looked l = {cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
-    const uint32_t covered = full | cover_cut_lanes(w, c, &h, coverage);
-    if (covered == 0u) {
-        float phi_m[CR_LANES];
-        for (int i = 0; i < CR_LANES; i++) {
-            phi_m[i] = h.top_m[i] * w->planes.sign;
-        }
-        return max_f(0.0f, smallest_clearance(c, phi_m, w->slack_out_m));
-    }
-    uint32_t inside = full, near = full & c->crease_mask;
-    for (uint32_t left = h.cut; left != 0u;) {
+    for (uint32_t left = h.cut & used; left != 0u;) {
         const int i = take_lane(&left);
-        const float phi_m = h.distance_m[i] * w->planes.sign;
+        float phi_m;
+        coverage[i] = cover_cut_lane(w, &l, i, &phi_m);
+        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
         inside |= (uint32_t)(phi_m <= 0.0f) << i;
-        near |= (uint32_t)(phi_m < c->reach[i]) << i & c->crease_mask;
+        near |= (uint32_t)(phi_m < c->reach[i]) << i;
     }
-    near |= covered & ~inside & ~(c->crease_mask | c->vertex_mask);
-    const looked l = {cluster, c, NULL, NULL, &w->planes, &h, coverage, covered, full, inside, near};
+    if (covered == 0u) {
+        for (int i = 0; i < CR_LANES; i++) {
+            coverage[i] = h.top_m[i] * p->sign;
+        }
+        return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
+    }
+    l.covered = covered;
+    l.full = full;
+    l.inside = inside;
+    l.near = (near & c->crease_mask) | (covered & ~inside & ~(c->crease_mask | c->vertex_mask));
     take_points(w, &l, b, lane);
     return 0.0f;
 }
@@ -486,7 +488,7 @@ static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane)
  * contact. */
 static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane, float reach_m) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    const uint32_t kind = cr_planes_around(w->field, &b->centres, lane, centre, reach_m);
+    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, reach_m);
     w->stats->points += w->scene->clusters[cluster].count;
     if (kind == 0u) {
         return look_up_points(w, cluster, b, lane);
@@ -666,10 +668,11 @@ static void give_up(walk *w) {
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u, {0}};
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u, {0}, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
+    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
     if (!search->open) {
         search->depth = search->waiting = search->calls = 0u;
         set->hit_count = 0u;

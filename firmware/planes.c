@@ -2,6 +2,11 @@
  * no lookups, and the planes are turned into the tool frame once for many samples. DESIGN.md "Planes instead of lookups". */
 #include "stages.h"
 
+/* Planes with an angle of more than 90 degrees between their normals. Less than this beyond it changes a distance by 1e-8 of it. */
+#define SHARP_MIN 1e-4f
+/* Bricks an axis that are asked for common planes: 27 cost less than 16 lookups. */
+#define BOX_MAX 3
+
 /* Plane of the given ones whose height is largest; planes in `taken` (bits) are left out. */
 static uint32_t highest(const float *height, uint32_t count, uint32_t taken) {
     uint32_t best = CR_KIND_FACETS_MAX;
@@ -61,50 +66,47 @@ float cr_convex_distance(const cr_vec3 *normal, const float *height, uint32_t co
     return d;
 }
 
-/* Kind whose planes hold in all bricks of a box: bits 0 to 2 of `over` are the axes on which it reaches into a second one. */
-static uint32_t planes_of_box(const cr_field *f, int32_t index, const int32_t *step, uint32_t over) {
+/* Bricks from low to high, on each axis. */
+typedef struct {
+    int32_t low[3], high[3];
+} box;
+
+/* Kind whose planes hold in all bricks of a box: the planes of `first`, one of them, or else its kind. */
+static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *first, const box *b) {
     const cr_scene *s = f->scene;
-    const struct cr_img_brick *first = &s->bricks[s->top[index]];
     uint32_t most = first->planes, least = first->kind;
-    for (uint32_t part = over; part != 0u; part = (part - 1u) & over) {
-        int32_t other = index;
-        for (int a = 0; a < 3; a++) {
-            other += (part >> a) & 1u ? step[a] : 0;
+    for (int32_t z = b->low[2]; z <= b->high[2]; z++) {
+        for (int32_t y = b->low[1]; y <= b->high[1]; y++) {
+            const uint32_t *row = s->top + (z * f->dims[1] + y) * f->dims[0];
+            for (int32_t x = b->low[0]; x <= b->high[0]; x++) {
+                if ((row[x] & CR_TOP_FAR) != 0u || s->bricks[row[x]].planes == 0u) {
+                    return 0u;
+                }
+                const uint32_t planes = s->bricks[row[x]].planes, kind = s->bricks[row[x]].kind;
+                most = planes == most || kind == most ? most : 0u;
+                least = planes == least || kind == least ? least : 0u;
+            }
         }
-        const uint32_t entry = s->top[other];
-        const struct cr_img_brick *b = &s->bricks[entry & CR_TOP_FAR ? 0u : entry];
-        if ((entry & CR_TOP_FAR) || b->planes == 0u) {
-            return 0u;
-        }
-        most = b->planes == most || b->kind == most ? most : 0u;
-        least = b->planes == least || b->kind == least ? least : 0u;
     }
     return most != 0u ? most : least;
 }
 
-uint32_t cr_planes_around(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p_world, float reach_m) {
+uint32_t cr_planes_around(const cr_field *f, uint32_t entry, cr_vec3 p_world, float reach_m) {
     const struct cr_img_meta *m = f->scene->meta;
-    const uint32_t entry = at->entry[lane];
+    const float p[3] = {p_world.x, p_world.y, p_world.z}, reach = reach_m * f->inv_brick;
+    box b;
     if ((entry & CR_TOP_FAR) || f->scene->bricks[entry].planes == 0u) {
         return 0u;
     }
-    const float u[3] = {at->ux[lane], at->uy[lane], at->uz[lane]}, p[3] = {p_world.x, p_world.y, p_world.z};
-    const float reach = reach_m * f->inv_brick;
-    int32_t place[3], step[3];
-    uint32_t over = 0u;
     for (int a = 0; a < 3; a++) {
-        const int low = u[a] < reach, high = u[a] + reach >= 1.0f;
-        /* As the lookup has it: a near brick lies inside the grid. */
-        place[a] = (int32_t)clamp_f((p[a] - m->origin_m[a]) * f->inv_brick, 0.0f, f->grid_max[a]);
-        if ((low && (high || place[a] == 0)) || (high && place[a] == f->dims[a] - 1)) {
+        const float at = (p[a] - m->origin_m[a]) * f->inv_brick;
+        b.low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
+        b.high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
+        if (b.high[a] - b.low[a] >= BOX_MAX) {
             return 0u;
         }
-        step[a] = low ? -1 : 1;
-        over |= (uint32_t)(low || high) << a;
     }
-    step[1] *= f->dims[0];
-    step[2] *= f->dims[0] * f->dims[1];
-    return planes_of_box(f, (place[2] * f->dims[1] + place[1]) * f->dims[0] + place[0], step, over);
+    return planes_of_box(f, &f->scene->bricks[entry], &b);
 }
 
 void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_planes *out) {
@@ -112,12 +114,43 @@ void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_plan
     out->kind = kind;
     out->count = k->count;
     out->sign = k->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
+    out->spread = 0.0f;
+    out->sharp = 0u;
     for (uint32_t i = 0; i < k->count; i++) {
         const struct cr_img_facet *facet = &s->facets[k->facet[i]];
         const cr_vec3 normal = v3_scale(v3_from(facet->normal), out->sign);
         out->normal_tool[i] = xform_unrotate(pose, normal);
         out->offset_m[i] = v3_dot(normal, pose->t) - facet->offset_m * out->sign;
+        out->facet[i] = k->facet[i];
+        for (uint32_t j = 0; j < i; j++) {
+            out->spread = max_f(out->spread, v3_norm(v3_sub(out->normal_tool[i], out->normal_tool[j])));
+            out->sharp |= (uint32_t)(v3_dot(out->normal_tool[i], out->normal_tool[j]) < -SHARP_MIN);
+        }
     }
+}
+
+const cr_planes *cr_planes_alone(const cr_planes *p, cr_vec3 p_tool, float radius_m, float apart_m, cr_planes *one) {
+    float first = -3.4e38f, second = first;
+    uint32_t best = 0u;
+    if (p->count == 1u) {
+        return p;
+    }
+    for (uint32_t k = 0; k < p->count; k++) {
+        const float height = v3_dot(p->normal_tool[k], p_tool) + p->offset_m[k];
+        second = max_f(second, min_f(height, first));
+        best = height > first ? k : best;
+        first = max_f(height, first);
+    }
+    if (first - second <= p->spread * radius_m + apart_m) {
+        return p;
+    }
+    one->kind = p->kind;
+    one->count = 1u;
+    one->sign = p->sign;
+    one->normal_tool[0] = p->normal_tool[best];
+    one->offset_m[0] = p->offset_m[best];
+    one->facet[0] = p->facet[best];
+    return one;
 }
 
 /* Heights above plane k. Lanes that are higher above it than above those before are its own. */
@@ -149,23 +182,23 @@ void cr_planes_measure(const cr_planes *p, const struct cr_img_cluster *c, cr_he
     }
     uint32_t under = 0u, below = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        under |= (uint32_t)(out->top_m[i] < c->ramp[i]) << i;
-        below |= (uint32_t)(out->top_m[i] <= -c->ramp[i]) << i;
+        const float top = out->top_m[i], ramp = c->ramp[i];
+        under |= sign_bit_f(top - ramp) << i;
+        below |= sign_bit_f(top + ramp) << i;
     }
     out->below = below;
     out->cut = under & ~below;
-    out->bent = 0u;
 }
 
-float cr_planes_distance(const cr_planes *p, const cr_heights *h, int lane) {
-    float height[CR_KIND_FACETS_MAX];
-    uint32_t nearest;
+float cr_planes_distance(const cr_planes *p, const float *height, float top) {
+    uint32_t nearest, above = p->sharp;
     cr_vec3 gradient;
-    if (p->count == 1u || h->top_m[lane] <= 0.0f) {
-        return h->top_m[lane];
+    if (top <= 0.0f) {
+        return top;
     }
     for (uint32_t k = 0; k < p->count; k++) {
-        height[k] = h->height_m[k][lane];
+        above += (uint32_t)(height[k] > 0.0f);
     }
-    return cr_convex_distance(p->normal_tool, height, p->count, &nearest, &gradient);
+    /* The foot on the highest plane lies below all others, unless one is above 0 or leans over it. */
+    return above > 1u ? cr_convex_distance(p->normal_tool, height, p->count, &nearest, &gradient) : top;
 }

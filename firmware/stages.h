@@ -51,7 +51,8 @@ void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup
 void cr_field_look_up_lanes(const cr_field *field, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
 
 /* Purpose  the same for lanes where the planes of a kind are known to give the distance: no bit of from_facet is clear among them. */
-void cr_field_use_planes(const cr_field *field, uint32_t kind, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
+void cr_field_use_planes(const cr_field *field, uint32_t kind, const cr_lanes3 *world_m, uint32_t lanes,
+                         cr_lookup *out);
 
 /* Purpose  what a lane sees of the static surface: index into scene->kinds, 0 when no surface is near. */
 uint32_t cr_field_kind(const cr_field *field, const cr_lookup *at, int lane);
@@ -72,6 +73,9 @@ typedef struct {
     uint32_t kind; /* index into scene->kinds; 0: none */
     uint32_t count;
     float sign;
+    float spread;   /* largest |difference| of two normals */
+    uint32_t sharp; /* 1: two normals point away from each other */
+    uint32_t facet[CR_KIND_FACETS_MAX];
     cr_vec3 normal_tool[CR_KIND_FACETS_MAX];
     float offset_m[CR_KIND_FACETS_MAX];
 } cr_planes;
@@ -80,24 +84,29 @@ typedef struct {
 typedef struct {
     float height_m[CR_KIND_FACETS_MAX][CR_LANES];
     float top_m[CR_LANES];                /* the largest height */
-    float distance_m[CR_LANES];           /* to the convex solid, of the lanes in `bent` */
     uint32_t highest[CR_KIND_FACETS_MAX]; /* lanes whose largest height is above that plane */
-    uint32_t below, cut; /* lanes whose piece lies below all planes, lanes whose piece is cut by one; the rest is outside */
-    uint32_t bent;       /* lanes cut beside an edge or a vertex: farther than their largest height; the others are not */
+    uint32_t below,
+        cut; /* lanes whose piece lies below all planes, lanes whose piece is cut by one; the rest is outside */
 } cr_heights;
 
 /* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.
- * Shapes   at, lane, p_world: the point, looked up. */
-uint32_t cr_planes_around(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, float reach_m);
+ * Shapes   entry: top entry of the point's brick. */
+uint32_t cr_planes_around(const cr_field *field, uint32_t entry, cr_vec3 p_world, float reach_m);
 
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
 
+/* Purpose  the one plane that matters within radius_m of a point: all others lie more than apart_m below it everywhere there.
+ * Output   *one and its address, or the planes themselves when several matter. */
+const cr_planes *cr_planes_alone(const cr_planes *planes, cr_vec3 p_tool, float radius_m, float apart_m,
+                                 cr_planes *one);
+
 /* Purpose  heights of the samples of a cluster.   Cost  20 instructions a lane and plane on a Cortex-M7. */
 void cr_planes_measure(const cr_planes *planes, const struct cr_img_cluster *cluster, cr_heights *out);
 
-/* Purpose  distance of a lane to the convex solid.   Cost  100 instructions on a Cortex-M7 where several planes are below it. */
-float cr_planes_distance(const cr_planes *planes, const cr_heights *heights, int lane);
+/* Purpose  distance to the convex solid of a point at these heights, top the largest.
+ * Cost     100 instructions on a Cortex-M7 where it is above several planes. */
+float cr_planes_distance(const cr_planes *planes, const float *height_m, float top_m);
 
 /* Covered lanes of a cluster that hang together: what they add to their contact area. Tool frame, so that whole clusters need no
  * arithmetic. */
@@ -107,7 +116,7 @@ typedef struct {
     uint16_t inside;  /* lanes with phi <= 0 */
     uint16_t
         near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
-    uint16_t area;  /* set by zones: index of the contact area */
+    uint16_t area;   /* set by zones: index of the contact area */
     uint16_t whole;  /* 1: every lane fully covered */
     uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: look it up */
     struct cr_img_sum sum;

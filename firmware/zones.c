@@ -26,11 +26,17 @@ static void join(cr_hit *hits, uint32_t a, uint32_t b) {
     }
 }
 
-/* Joins hit i with the hits of a neighbouring cluster, from `other` on, that hold lanes beside it. */
-static void join_beside(cr_hit *hits, uint32_t i, uint32_t other, const struct cr_img_neighbour *beside) {
-    for (; other < i && hits[other].cluster == beside->cluster; other++) {
-        if ((hits[other].covered & beside->theirs) != 0 && hits[other].area != hits[i].area) {
+/* Joins hit i with another hit when some of their lanes are beside each other: by the records from `beside` to `end`. */
+static void join_beside(cr_hit *hits, uint32_t i, uint32_t other, const struct cr_img_neighbour *beside,
+                        const struct cr_img_neighbour *end) {
+    const uint32_t mine = hits[i].covered, theirs = hits[other].covered;
+    if (hits[i].area == hits[other].area) {
+        return;
+    }
+    for (; beside < end; beside++) {
+        if ((mine & beside->mine) != 0u && (theirs & beside->theirs) != 0u) {
             join(hits, i, other);
+            return;
         }
     }
 }
@@ -45,10 +51,16 @@ static void connect_hits(const cr_scene *s, uint16_t *hit_of_cluster, cr_contact
         /* Every pair is listed from both sides: the side that comes later sees both hits. */
         const struct cr_img_neighbour *beside = &s->adj[s->adj_start[cluster]],
                                       *end = &s->adj[s->adj_start[cluster + 1u]];
-        for (; beside < end && beside->cluster < cluster; beside++) {
-            if ((set->hits[i].covered & beside->mine) != 0) {
-                join_beside(set->hits, i, hit_of_cluster[beside->cluster], beside);
+        while (beside < end && beside->cluster < cluster) {
+            const struct cr_img_neighbour *next = beside + 1;
+            while (next < end && next->cluster == beside->cluster) {
+                next++;
             }
+            uint32_t other = hit_of_cluster[beside->cluster];
+            for (; other < i && set->hits[other].cluster == beside->cluster; other++) {
+                join_beside(set->hits, i, other, beside, next);
+            }
+            beside = next;
         }
     }
     for (uint32_t i = 0; i < set->hit_count; i++) {

@@ -86,6 +86,8 @@ typedef struct {
 void crt_open(crt_rig *rig, const crt_solid *solid, const crt_tool *tool, double voxel_m, const cr_config *config);
 /* Purpose  the same with a cube about the tool's origin and the default settings. */
 void crt_open_cube(crt_rig *rig, const crt_solid *solid, double half_m, double spacing_m, double voxel_m);
+/* Purpose  let every brick know that all planes of the solid, no ball, give its distances. */
+void crt_mark_planes(crt_rig *rig);
 void crt_close(crt_rig *rig);
 /* Purpose  back to the state before the first tick, with these settings. */
 void crt_restart(crt_rig *rig, const cr_config *config);

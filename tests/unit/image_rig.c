@@ -36,6 +36,16 @@ void crt_open_cube(crt_rig *rig, const crt_solid *solid, double half_m, double s
     crt_tool_free(&tool);
 }
 
+void crt_mark_planes(crt_rig *rig) {
+    struct cr_img_brick *bricks = crt_section(rig->image, CR_SEC_BRICKS);
+    const uint32_t all = rig->scene.kind_count - 1u; /* kinds are numbered by the set of their facets */
+    for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
+        bricks[i].planes = (uint16_t)all;
+        bricks[i].kind = (uint16_t)(bricks[i].cells == CR_CELLS_NONE ? bricks[i].kind : all);
+    }
+    crt_seal(rig->image);
+}
+
 void crt_close(crt_rig *rig) {
     free(rig->memory);
     free(rig->image);

@@ -117,6 +117,21 @@ static void detect_is_the_same_for_every_subset_of_skips(void **state) {
     }
 }
 
+static void detect_over_planes_is_the_same_for_every_subset_of_skips(void **state) {
+    (void)state;
+    crt_solid solids[] = {crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0), crt_room(-15e-3, 15e-3, 20e-3, -20e-3, 20e-3),
+                          crt_wedge(1.0, 30e-3, 20e-3)};
+    for (size_t i = 0; i < sizeof solids / sizeof *solids; i++) {
+        crt_rig rig;
+        open_cube_on(&rig, &solids[i]);
+        crt_mark_planes(&rig);
+        for (uint32_t skip = 1u; skip <= CR_SKIP_ALL; skip++) {
+            check_skips(&rig, skip, skip % 2u == 0u ? CR_COVERAGE_SOFT : CR_COVERAGE_HARD);
+        }
+        crt_close(&rig);
+    }
+}
+
 static void detect_sleeps_and_wakes_rightly_on_a_long_walk(void **state) {
     (void)state;
     crt_solid block = crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0);
@@ -440,6 +455,7 @@ static void detect_is_the_same_across_a_leap(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(detect_is_the_same_for_every_subset_of_skips),
+        cmocka_unit_test(detect_over_planes_is_the_same_for_every_subset_of_skips),
         cmocka_unit_test(detect_sleeps_and_wakes_rightly_on_a_long_walk),
         cmocka_unit_test(detect_costs_no_points_in_free_space),
         cmocka_unit_test(detect_looks_at_no_point_while_the_tool_rests_in_free_space),

@@ -223,6 +223,7 @@ static void scene_refuses_an_index_past_every_table(void **state) {
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, cells, s.cell_count - 511u), CR_ERR_INDEX);
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, cells, 0xfffffffeu), CR_ERR_INDEX);
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, s.kind_count), CR_ERR_INDEX);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, s.kind_count << 16), CR_ERR_INDEX);
     assert_int_equal(with_word(CR_SEC_CELLS, 0, s.kind_count), CR_ERR_INDEX);
     assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, facet[0], s.facet_count), CR_ERR_INDEX);
     assert_int_equal(PAST(CR_SEC_FACETS, struct cr_img_facet, patch, s.meta->patch_count), CR_ERR_INDEX);
@@ -280,6 +281,9 @@ static void scene_refuses_counts_out_of_range(void **state) {
         assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), sides[i]), CR_ERR_VALUE);
     }
     assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 2u << 16), CR_ERR_VALUE);
+    /* Planes have to be those of a kind that has some, and so has the kind then. */
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, 1u << 16), CR_ERR_VALUE);
+    assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, 1u << 16 | 1u), CR_OK);
     assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, count, CR_KIND_FACETS_MAX + 1u), CR_ERR_VALUE);
     assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, count, 0u), CR_ERR_VALUE);
     assert_int_equal(PAST(CR_SEC_KINDS, struct cr_img_kind, kind, CR_KIND_MIXED + 1u), CR_ERR_VALUE);
