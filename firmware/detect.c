@@ -47,6 +47,7 @@ typedef struct {
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
+    float reach_m;     /* how far beside it the sample or cluster in hand touches other facets */
     uint32_t kernels;
 } walk;
 
@@ -141,11 +142,10 @@ static void add_to_touch(cr_touch *touch, float area_m2, cr_vec3 normal, cr_vec3
 }
 
 /* The other facets that meet in the lane's crease cell, the more the nearer they are: a zone that is inside the tool between its
- * samples must be known, or the normal could not turn towards it. reach_m: height difference from which on they do not count. */
-static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
-                         float reach_m) {
+ * samples must be known, or the normal could not turn towards it. */
+static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
     const struct cr_img_kind *kind = &w->scene->kinds[at->kind[lane]];
-    const float per_reach = 1.0f / max_f(reach_m, 1e-9f);
+    const float per_reach = 1.0f / max_f(w->reach_m, 1e-9f);
     for (uint32_t k = 0; k < kind->count; k++) {
         const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
         cr_vec3 normal = v3_from(facet->normal);
@@ -164,7 +164,7 @@ static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane,
 /* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. What is deeper inside than
  * a sample is wide tells less and less of the surface: half-way between two faces the nearest changes at once. */
 static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
-                          cr_vec3 area_tool, float reach_m) {
+                          cr_vec3 area_tool) {
     uint32_t index = facet_of_lane(w->field, at, lane, p_world);
     if (index == CR_FACET_NONE) {
         return;
@@ -176,14 +176,14 @@ static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane
     if (touch == NULL) {
         return;
     }
-    float h = w->scene->meta->spacing_m, deeper = -(at->phi_m[lane] + h);
-    if (deeper > 0.0f) {
+    if (at->phi_m[lane] < -w->scene->meta->spacing_m) {
+        float h = w->scene->meta->spacing_m, deeper = at->phi_m[lane] + h;
         area_m2 *= h * h / (h * h + deeper * deeper);
     }
     add_to_touch(touch, area_m2, normal, v3_mad(p_world, gradient, -at->phi_m[lane]));
     touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, area_tool);
     if ((at->from_facet >> lane) & 1u) {
-        touch_beside(w, first, at, lane, p_world, area_m2, reach_m);
+        touch_beside(w, first, at, lane, p_world, area_m2);
     }
 }
 
@@ -194,6 +194,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
         return;
     }
     uint32_t first = w->set->touch_count;
+    w->reach_m = w->scene->meta->crease_m;
     hit->covered = 0xffffu;
     hit->inside = 0xffffu;
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
@@ -203,8 +204,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     w->stats->clusters++;
     if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az),
-                      w->scene->meta->crease_m);
+        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
     }
 }
 
@@ -337,8 +337,8 @@ static void take_lanes(walk *w, uint32_t cluster, const looked *l, uint32_t lane
         cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), share[i]);
         cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
         /* A crease or corner of the tool is as wide as its ramp; a face between samples reaches into all of the cell. */
-        float reach_m = (features >> i) & 1u ? l->c->ramp[i] : w->scene->meta->crease_m;
-        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * share[i], area_tool, reach_m);
+        w->reach_m = (features >> i) & 1u ? l->c->ramp[i] : w->scene->meta->crease_m;
+        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * share[i], area_tool);
     }
 }
 
@@ -529,7 +529,7 @@ static int tool_is_free(walk *w) {
 
 void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
                cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0u};
+    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;

@@ -210,7 +210,7 @@ def same_without_skips(
             gone = depth_vectors(placed, rows[i : i + 1], options)
             gone = gone - depth_vectors(placed, other[i : i + 1], options)
             return Violation("skipping", f"{column} is not the same with skip {skip}",
-                             float(np.linalg.norm(gone)), 0.0, poses[: i + 1], options)  # fmt: skip
+                             float(np.linalg.norm(gone)), 0.0, poses[: i + 1], replace(options, skip=skip))  # fmt: skip
     return None
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crease.native import COVERAGES, RESPONSES
+from crease.native import COVERAGES, RESPONSES, SKIPS, skip_mask
 from crease.progress import Progress
 from crease.recording import is_recording
 from crease.replay import ReplayOptions, run_path, to_columns
@@ -25,6 +25,16 @@ from crease.verbs.common import (
     print_lines,
     warn,
 )
+
+
+def skips(text: str) -> int:
+    """Type of an option that is a list of skips."""
+    names = [] if text == "none" else text.split(",")
+    for name in names:
+        if name not in SKIPS:
+            known = ", ".join(SKIPS)
+            raise argparse.ArgumentTypeError(f"'{name}' is no skip; known are none, {known}")
+    return skip_mask(names)
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -79,6 +89,19 @@ def add_parser(sub: SubParsers) -> None:
         default="soft",
         help="soft: a sample counts by the part of it that is inside; hard: in or out, as published (default: soft)",
     )
+    parser.add_argument(
+        "--force-max",
+        metavar="N",
+        type=number(1e-6, 1e6),
+        help="limit of the force, 1e-6 to 1e6 (default: the firmware's, 100)",
+    )
+    parser.add_argument(
+        "--skips",
+        metavar="LIST",
+        type=skips,
+        help="what detection may skip, comma-separated: top, tree, coherence, or none; the answer is the same to the bit "
+        "(default: all)",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
@@ -119,6 +142,8 @@ def run(args: argparse.Namespace) -> None:
         damping_Ns_m=args.damping,
         response=args.response,
         coverage=args.coverage,
+        force_max_N=args.force_max,
+        skip=args.skips,
     )
     with Progress() as progress:
         rows = run_path(scene, path, options, progress=lambda part: progress("replay", part))
