@@ -176,13 +176,10 @@ static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hi
         if (CR_SCALAR && !((hit->near >> i) & 1u)) {
             continue;
         }
-        float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
-        if (CR_SCALAR && height - 1.001f * max_f(c->ramp[i], c->reach[i]) >= best) {
-            continue; /* no piece goes down further than that */
-        }
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float fall2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
         float part = (c->crease_mask >> i) & 1u ? c->reach[i] / (2.0f * c->ramp[i]) : 0.5f * FACE_PART;
+        float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
         lanes |= (uint32_t)(height - part * sqrtf(max_f(0.0f, fall2)) < best) << i;
     }
     return lanes & hit->near & ((1u << c->count) - 1u);

@@ -147,11 +147,14 @@ static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane,
     const struct cr_img_kind *kind = &w->scene->kinds[at->kind[lane]];
     const float per_reach = 1.0f / max_f(w->reach_m, 1e-9f);
     for (uint32_t k = 0; k < kind->count; k++) {
+        if (kind->facet[k] == at->facet[lane]) {
+            continue;
+        }
         const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
         cr_vec3 normal = v3_from(facet->normal);
         float height = v3_dot(normal, p_world) - facet->offset_m;
         float part = 1.0f - abs_f(height - at->phi_m[lane]) * per_reach;
-        if (part <= 0.0f || kind->facet[k] == at->facet[lane]) {
+        if (part <= 0.0f) {
             continue;
         }
         cr_touch *touch = find_touch(w, first, kind->facet[k]);

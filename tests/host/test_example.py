@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent.parent
 FIRMWARE = ROOT / "firmware"
 EXAMPLE = re.findall(r"```c\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-STAGES = ("detect", "zones", "respond", "depth", "split", "published")
+STAGES = ("detect", "zones", "respond", "top", "depth", "split", "published")
 SOURCES = [FIRMWARE / f"{name}.c" for name in ("scene", "field", "coverage", *STAGES, "tick")]
 FLAGS = ["-std=c11", "-ffp-contract=off", "-fno-math-errno", "-O1"]
 

@@ -205,7 +205,9 @@ def test_solids_shrink_while_the_violation_stays(monkeypatch: pytest.MonkeyPatch
     made = random_pair((SEED, 0, 1))[0]
     poses = touching(np.random.default_rng(SEED), made, 1, -3e-3, -2e-3)
 
-    def felt(rows: checks.Rows, poses: checks.F64, options: ReplayOptions) -> checks.Violation | None:
+    def felt(
+        rows: checks.Rows, poses: checks.F64, options: ReplayOptions
+    ) -> checks.Violation | None:
         force_N = float(np.linalg.norm(rows["force_N"], axis=1).max())
         return checks.Violation("sound", "felt", force_N, 0.0, poses, options) if force_N else None
 

@@ -175,7 +175,8 @@ def random_pair(seed: tuple[int, ...]) -> tuple[Pair, int]:
         try:
             meshes = [_mesh(rng, s) for s in solids]
             placed = [
-                bake_placed(meshes[0], meshes[1], frame, voxel_m, spacing_m, name) for frame in frames
+                bake_placed(meshes[0], meshes[1], frame, voxel_m, spacing_m, name)
+                for frame in frames
             ]
         except MeshError:
             refused += 1
