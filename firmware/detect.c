@@ -52,6 +52,7 @@ typedef struct {
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
+    float reach_m;     /* how far beside it the sample or cluster in hand touches other facets */
     uint32_t lookups;
     cr_planes planes; /* those that the last cluster on planes lay at */
     float apart_m;    /* a plane this much lower than another does not matter */
@@ -144,17 +145,19 @@ static void add_to_touch(cr_touch *touch, float area_m2, cr_vec3 normal, cr_vec3
 }
 
 /* The other facets that meet in the lane's crease cell, the more the nearer they are: a zone that is inside the tool between its
- * samples must be known, or the normal could not turn towards it. reach_m: height difference from which on they do not count. */
-static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
-                         float reach_m) {
+ * samples must be known, or the normal could not turn towards it. */
+static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
     const struct cr_img_kind *kind = &w->scene->kinds[at->kind[lane]];
-    const float per_reach = 1.0f / max_f(reach_m, 1e-9f);
+    const float per_reach = 1.0f / max_f(w->reach_m, 1e-9f);
     for (uint32_t k = 0; k < kind->count; k++) {
+        if (kind->facet[k] == at->facet[lane]) {
+            continue;
+        }
         const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
         cr_vec3 normal = v3_from(facet->normal);
         float height = v3_dot(normal, p_world) - facet->offset_m;
         float part = 1.0f - abs_f(height - at->phi_m[lane]) * per_reach;
-        if (part <= 0.0f || kind->facet[k] == at->facet[lane]) {
+        if (part <= 0.0f) {
             continue;
         }
         cr_touch *touch = find_touch(w, first, kind->facet[k]);
@@ -173,7 +176,7 @@ static float part_told(float spacing_m, float phi_m) {
 
 /* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
 static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
-                          cr_vec3 area_tool, float reach_m) {
+                          cr_vec3 area_tool) {
     uint32_t index = facet_of_lane(w->field, at, lane, p_world);
     if (index == CR_FACET_NONE) {
         return;
@@ -189,7 +192,7 @@ static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane
     add_to_touch(touch, area_m2, normal, v3_mad(p_world, gradient, -at->phi_m[lane]));
     touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, area_tool);
     if ((at->from_facet >> lane) & 1u) {
-        touch_beside(w, first, at, lane, p_world, area_m2, reach_m);
+        touch_beside(w, first, at, lane, p_world, area_m2);
     }
 }
 
@@ -200,6 +203,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
         return;
     }
     uint32_t first = w->set->touch_count;
+    w->reach_m = w->scene->meta->crease_m;
     hit->covered = 0xffffu;
     hit->inside = 0xffffu;
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
@@ -209,8 +213,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     w->stats->clusters++;
     if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az),
-                      w->scene->meta->crease_m);
+        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
     }
 }
 
@@ -356,7 +359,8 @@ static void touch_looked_up(walk *w, const looked *l, const cr_hit *hit, uint32_
         int i = take_lane(&lanes);
         cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), l->coverage[i]);
         cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
-        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * l->coverage[i], area_tool, reach_of_lane(w, l->c, i));
+        w->reach_m = reach_of_lane(w, l->c, i);
+        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * l->coverage[i], area_tool);
     }
 }
 
@@ -668,7 +672,7 @@ static void give_up(walk *w) {
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u, {0}, 0.0f};
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f, 0u, {0}, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;

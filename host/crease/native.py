@@ -6,7 +6,7 @@ from typing import Any
 
 from crease._native import ffi, lib
 
-__all__ = ["COVERAGES", "RESPONSES", "error_text", "ffi", "lib", "skip_mask"]
+__all__ = ["COVERAGES", "RESPONSES", "error_text", "ffi", "lib", "skip_mask", "skip_words"]
 
 
 def _names(prefix: str, exclude: frozenset[str] = frozenset()) -> dict[str, int]:
@@ -35,6 +35,12 @@ def skip_mask(names: list[str]) -> int:
     for name in names:
         mask |= SKIPS[name]
     return mask
+
+
+def skip_words(mask: int) -> str:
+    """The names of the bits of `CR_SKIP_*`, comma-separated: what `crease replay --skips` takes; `none` for 0."""
+    names = [name for name, bit in SKIPS.items() if name != "all" and mask & bit]
+    return ",".join(names) or "none"
 
 
 def error_text(code: int) -> str:

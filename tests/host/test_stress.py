@@ -6,10 +6,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import manifold3d
 import numpy as np
 import pytest
 from crease.errors import CreaseError
-from crease.native import ffi
+from crease.exact import Solids, exact_contact, exact_joined
+from crease.native import ffi, skip_mask
 from crease.replay import ReplayOptions
 from crease.stress import checks
 from crease.stress.campaign import Settings, chunk_file, read_reports, run_campaign, summarise
@@ -17,6 +19,7 @@ from crease.stress.cases import KINDS, Place, run_case, touching
 from crease.stress.drift import ROW, run_drift
 from crease.stress.keep import keep
 from crease.stress.pool import Pair, quaternion_product, random_pair, to_frame
+from crease.stress.shrink import check_again, shrink_solids
 from host_tools import Run
 
 SEED = 11
@@ -162,6 +165,79 @@ def test_a_reproducer_replays(crease: Run, pair: Pair, tmp_path: Path) -> None:
     table = np.genfromtxt(own / "out.csv", delimiter=",", names=True)
     found = np.column_stack([table[f"f{a}_N"] for a in "xyz"])
     np.testing.assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_settings_of_a_violation_are_in_its_commands(pair: Pair, tmp_path: Path) -> None:
+    poses = touching(np.random.default_rng(SEED), pair, 2, -3e-3, -1e-3)
+    options = ReplayOptions(force_max_N=0.5, skip=skip_mask(["top", "tree"]))
+    bad = checks.Violation("skipping", "made up", 1.0, 0.5, poses, options)
+    own = keep(tmp_path, (1, 2, 4), "skips", Place(pair, pair.here), bad)
+    report = json.loads((own / "case.json").read_text(encoding="utf-8"))
+    first, second = report["replay"]
+    assert "--force-max 0.5 --skips top,tree" in first
+    assert "--force-max 0.5" in second
+    assert "--skips" not in second
+
+
+def test_replay_takes_a_force_limit_and_skips(crease: Run, pair: Pair, tmp_path: Path) -> None:
+    poses = touching(np.random.default_rng(SEED), pair, 20, -3e-3, -2e-3)
+    bad = checks.Violation("sound", "made up", 1.0, 0.5, poses, ReplayOptions())
+    own = keep(tmp_path, (1, 2, 5), "near", Place(pair, pair.here), bad)
+    tables = []
+    for number, words in enumerate(((), ("--skips", "none"), ("--force-max", "0.25"))):
+        out = tmp_path / f"{number}.csv"
+        assert crease("replay", own / "scene.crs", own / "scene.csv", "-o", out, *words).status == 0
+        tables.append(np.genfromtxt(out, delimiter=",", names=True))
+    plain, unskipped, limited = (
+        np.linalg.norm([table[f"f{a}_N"] for a in "xyz"], axis=0) for table in tables
+    )
+    assert (plain == unskipped).all()
+    assert tables[0]["nodes"].sum() != tables[1]["nodes"].sum()
+    np.testing.assert_allclose(limited, np.minimum(plain, 0.25), rtol=1e-5)
+    assert plain.max() > 0.25
+    wrong = crease("replay", own / "scene.crs", own / "scene.csv", "-o", out, "--skips", "tops")
+    assert wrong.status == 2
+    assert "'tops' is no skip" in wrong.err
+
+
+def test_solids_shrink_while_the_violation_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With no depth allowed, any contact is a violation: most of both solids can go."""
+    made = random_pair((SEED, 0, 1))[0]
+    poses = touching(np.random.default_rng(SEED), made, 1, -3e-3, -2e-3)
+
+    def felt(
+        rows: checks.Rows, poses: checks.F64, options: ReplayOptions
+    ) -> checks.Violation | None:
+        force_N = float(np.linalg.norm(rows["force_N"], axis=1).max())
+        return checks.Violation("sound", "felt", force_N, 0.0, poses, options) if force_N else None
+
+    monkeypatch.setattr(checks, "sound", felt)
+    rows = checks.answer(made.here, poses, ReplayOptions())
+    bad = felt(rows, poses, ReplayOptions())
+    assert bad is not None
+    place, least = shrink_solids(Place(made, made.here), bad, 5.0)
+    before, after = (
+        sum(s.num_tri() for s in (p.solids.static, p.solids.tool)) for p in (made, place.pair)
+    )
+    assert after < before
+    assert (least.poses == bad.poses).all()
+    assert check_again(place, least.poses, least.options, least.check) is not None
+    same_place, same_bad = shrink_solids(Place(made, made.here), bad, 0.0)
+    assert same_place.pair is made
+    assert same_bad is bad
+
+
+def test_joined_pieces_answer_as_one() -> None:
+    """Two feet of 6 mm, 4 mm apart, 1 mm and 2 mm deep in a wall: 1 + 2 mm apart, 2 mm as one."""
+    wall = manifold3d.Manifold.cube((0.1, 0.1, 0.02)).translate((-0.05, -0.05, -0.02))
+    foot = manifold3d.Manifold.cube((6e-3, 6e-3, 10e-3))
+    feet = foot.translate((-8e-3, 0, -1e-3)) + foot.translate((2e-3, 0, -2e-3))
+    feet += manifold3d.Manifold.cube((16e-3, 6e-3, 4e-3)).translate((-8e-3, 0, 6e-3))
+    solids = Solids(wall.as_original(), feet.as_original())
+    pose = np.array([0.0, 0, 0, 1, 0, 0, 0])
+    np.testing.assert_allclose(exact_contact(solids, pose)[0], (0, 0, 3e-3), atol=1e-9)
+    np.testing.assert_allclose(exact_joined(solids, pose, 3.9e-3), (0, 0, 3e-3), atol=1e-9)
+    np.testing.assert_allclose(exact_joined(solids, pose, 4.1e-3), (0, 0, 2e-3), atol=1e-9)
 
 
 def test_frames_keep_distances(pair: Pair) -> None:

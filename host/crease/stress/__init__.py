@@ -5,7 +5,8 @@
     cases    what a case does: poses, settings, checks
     checks   the truths, each with its bound
     campaign chunks of cases, in processes or on a Dask cluster; resumable
-    keep     a violation, minimised, as files that `crease replay` runs
+    shrink   a violation with fewer poses and simpler solids
+    keep     a violation as files that `crease replay` runs
 
 A case is known by (seed, chunk, number): the same three give the same case on every machine.
 """

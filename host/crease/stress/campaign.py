@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from crease.errors import CreaseError
-from crease.replay import ReplayOptions
 from crease.stress.cases import KINDS, Found, Place, run_case
 from crease.stress.checks import Violation
 from crease.stress.keep import keep
-from crease.stress.pool import Pair, random_pair
+from crease.stress.pool import random_pair
+from crease.stress.shrink import shrink_poses, shrink_solids
 from crease.table import write_bytes
 
 SCENE_SEED = 1_000_000
@@ -24,6 +24,8 @@ SCENE_SEED = 1_000_000
 
 KEPT_PER_CHECK = 1
 """Reproducers of a check that one chunk writes: an image each."""
+
+SHRINK_S = 2.0
 
 SETTINGS = "campaign.json"
 
@@ -37,6 +39,8 @@ class Settings:
     per_chunk: int
     scenes: int = 4
     """Scenes that the cases of a chunk share."""
+    shrink_s: float = SHRINK_S
+    """Processor time to simplify the solids of one reproducer."""
 
     @property
     def chunks(self) -> int:
@@ -51,24 +55,6 @@ class Settings:
 def chunk_file(folder: Path, chunk: int) -> Path:
     """Where a chunk's report lies."""
     return folder / "chunks" / f"{chunk:06d}.json"
-
-
-def minimise(seed: tuple[int, ...], pairs: list[Pair], place: Place, bad: Violation) -> Violation:
-    """The violation with fewer poses where the last of them alone shows it too.
-
-    The checks already name the first pose that fails; what came before matters only if the answer has a memory.
-    """
-    if len(bad.poses) < 3 or bad.check not in ("sound", "pull", "skipping"):
-        return bad
-    from crease.stress import checks
-
-    last = bad.poses[-1:]
-    for options in (ReplayOptions(), bad.options):
-        rows = checks.answer(place.placed, last, options)
-        again = checks.sound(rows, last, options) or checks.no_pull(place.placed, last, options)
-        if again:
-            return again
-    return bad
 
 
 def run_chunk(folder: Path, settings: Settings, chunk: int) -> dict[str, Any]:
@@ -88,11 +74,12 @@ def run_chunk(folder: Path, settings: Settings, chunk: int) -> dict[str, Any]:
         for name, value in found.numbers.items():
             numbers.setdefault(name, []).append(value)
         if found.violation:
-            bad = minimise(seed, pairs, place, found.violation)
+            bad = shrink_poses(place, found.violation)
             kept[bad.check] = kept.get(bad.check, 0) + 1
             reproducer = ""
             if kept[bad.check] <= KEPT_PER_CHECK:
-                reproducer = keep(folder / "violations", seed, kind, place, bad).name
+                least = shrink_solids(place, bad, settings.shrink_s)
+                reproducer = keep(folder / "violations", seed, kind, *least).name
             violations.append(_entry(seed, kind, place, bad, reproducer))
     report = {
         "chunk": chunk,

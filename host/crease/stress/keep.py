@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from crease.bodies import write_bodies
+from crease.native import skip_words
+from crease.replay import ReplayOptions
 from crease.stress.cases import Place
 from crease.stress.checks import PERIOD_S, Violation, path_of
 from crease.stress.pool import Placed, to_frame
@@ -29,12 +32,16 @@ def _write_placed(folder: Path, name: str, placed: Placed, poses: F64) -> None:
     )
 
 
-def command(name: str, violation: Violation) -> str:
-    """The `crease replay` of a violation."""
-    o = violation.options
-    words = ["crease", "replay", f"{name}.crs", f"{name}.csv", "-o", f"{name}-out.csv", "--force"]
+def command(name: str, o: ReplayOptions) -> str:
+    """The `crease replay` of a scene with these settings."""
+    out = f"{name}-out.csv" if o.skip is None else f"{name}-skips-out.csv"
+    words = ["crease", "replay", f"{name}.crs", f"{name}.csv", "-o", out, "--force"]
     words += ["--stiffness", f"{o.stiffness_N_m:g}", "--damping", f"{o.damping_Ns_m:g}"]
     words += ["--response", o.response, "--coverage", o.coverage]
+    if o.force_max_N is not None:
+        words += ["--force-max", f"{o.force_max_N:g}"]
+    if o.skip is not None:
+        words += ["--skips", skip_words(o.skip)]
     return shlex.join(words)
 
 
@@ -50,6 +57,9 @@ def keep(
         other = place.pair.there if place.placed is place.pair.here else place.pair.here
         names.append("turned")
         _write_placed(own, "turned", other, violation.poses)
+    settings = [violation.options]
+    if violation.check == "skipping":
+        settings.append(replace(violation.options, skip=None))
     report = {
         "case": list(seed),
         "kind": kind,
@@ -59,9 +69,7 @@ def keep(
         "value": violation.value,
         "bound": violation.bound,
         "scale": place.placed.frame.scale,
-        "force_max_N": violation.options.force_max_N,
-        "skip": violation.options.skip,
-        "replay": [command(name, violation) for name in names],
+        "replay": [command(name, o) for name in names for o in settings],
     }
     write_bytes(own / "case.json", (json.dumps(report, indent=1) + "\n").encode())
     return own

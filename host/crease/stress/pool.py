@@ -129,9 +129,10 @@ def random_frame(rng: Rng, scale: float, far: bool) -> Frame:
     return Frame(matrices(q[None])[0], q, reach_m * way / np.linalg.norm(way), scale)
 
 
-def _bake(
+def bake_placed(
     static: Mesh, tool: Mesh, frame: Frame, voxel_m: float, spacing_m: float, name: str
 ) -> Placed:
+    """The scene of two meshes of hand size in a frame; lengths of hand size.   Errors: MeshError."""
     moved = frame.scale * (static.vertices_m @ frame.turn.T + frame.shift_m)
     static = replace(static, vertices_m=moved, source=name)
     tool = replace(tool, vertices_m=frame.scale * tool.vertices_m, source=name)
@@ -174,7 +175,8 @@ def random_pair(seed: tuple[int, ...]) -> tuple[Pair, int]:
         try:
             meshes = [_mesh(rng, s) for s in solids]
             placed = [
-                _bake(meshes[0], meshes[1], frame, voxel_m, spacing_m, name) for frame in frames
+                bake_placed(meshes[0], meshes[1], frame, voxel_m, spacing_m, name)
+                for frame in frames
             ]
         except MeshError:
             refused += 1

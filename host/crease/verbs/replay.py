@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crease.native import COVERAGES, RESPONSES, lib
+from crease.native import COVERAGES, RESPONSES, SKIPS, lib, skip_mask
 from crease.progress import Progress
 from crease.recording import is_recording
 from crease.replay import ReplayOptions, run_path, to_columns
@@ -27,6 +27,16 @@ from crease.verbs.common import (
     print_lines,
     warn,
 )
+
+
+def skips(text: str) -> int:
+    """Type of an option that is a list of skips."""
+    names = [] if text == "none" else text.split(",")
+    for name in names:
+        if name not in SKIPS:
+            known = ", ".join(SKIPS)
+            raise argparse.ArgumentTypeError(f"'{name}' is no skip; known are none, {known}")
+    return skip_mask(names)
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -80,6 +90,19 @@ def add_parser(sub: SubParsers) -> None:
         help="distances of 16 points that one tick may look up; a search that needs more takes several ticks (default: "
         f"{lib.cr_config_default().lookups_max})",
     )
+    parser.add_argument(
+        "--force-max",
+        metavar="N",
+        type=number(1e-6, 1e6),
+        help="limit of the force, 1e-6 to 1e6 (default: the firmware's, 100)",
+    )
+    parser.add_argument(
+        "--skips",
+        metavar="LIST",
+        type=skips,
+        help="what detection may skip, comma-separated: top, tree, coherence, or none; the answer is the same to the bit "
+        "(default: all)",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
@@ -121,6 +144,8 @@ def run(args: argparse.Namespace) -> None:
         response=args.response,
         coverage=args.coverage,
         lookups_max=None if args.lookups is None else int(args.lookups),
+        force_max_N=args.force_max,
+        skip=args.skips,
     )
     with Progress() as progress:
         rows = run_path(scene, path, options, progress=lambda part: progress("replay", part))

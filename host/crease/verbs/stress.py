@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from crease.verbs.common import SubParsers, add_json, print_json, print_lines, whole
+from crease.verbs.common import SubParsers, add_json, number, print_json, print_lines, whole
 
 SUMMARY = "summary.json"
 PER_CHUNK = 1000
@@ -38,6 +38,10 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "--scenes", metavar="N", type=whole, default=4, help="scenes of a chunk (4)"
     )
+    parser.add_argument(
+        "--shrink", metavar="SECONDS", type=number(0.0, 3600.0), default=2.0,
+        help="processor time to simplify the solids of each reproducer (2)",
+    )  # fmt: skip
     parser.add_argument(
         "--scheduler", metavar="tcp://...", help="an existing Dask cluster that sees DIR, instead of --jobs"
     )  # fmt: skip
@@ -72,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
         _closed_loop(args)
         return
     start_s = time.monotonic()
-    settings = Settings(args.seed, args.cases, args.per_chunk, args.scenes)
+    settings = Settings(args.seed, args.cases, args.per_chunk, args.scenes, args.shrink)
     with Progress() as progress:
         reports = run_campaign(
             args.output, settings, args.jobs, args.scheduler, lambda part: progress("stress", part)
