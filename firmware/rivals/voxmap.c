@@ -29,9 +29,10 @@ static float add_hit(const cr_respond_input *in, const cr_hit *hit, cr_rival_sum
         cr_vec3 g = v3(s.at.gx[i], s.at.gy[i], s.at.gz[i]);
         cr_vec3 centre = surface_voxel(in->field->scene->meta, p, g, s.at.phi_m[i]);
         float below = v3_dot(v3_sub(centre, p), n), count = cr_rival_count(in, &s, i);
+        /* A point before its plane has no force, but counts: the mean is over all points in surface voxels. */
+        points += count;
         if (below > 0.0f) {
             cr_rival_add(sum, v3_scale(n, below * count / POINTS_FULL), p);
-            points += count;
         }
     }
     return points;
