@@ -51,3 +51,18 @@ uint32_t cr_rival_finish(const cr_rival_sum *sum, float area_m2, cr_area *out) {
     out->zone_count = 0u;
     return 1u;
 }
+
+void cr_rival_clear(cr_rival_sum *sums, uint32_t count) {
+    static const cr_rival_sum empty = {0};
+    for (uint32_t a = 0; a < count; a++) {
+        sums[a] = empty;
+    }
+}
+
+uint32_t cr_rival_answers(const cr_rival_sum *sums, const cr_area_set *areas, cr_area *out, uint32_t room) {
+    uint32_t made = 0u;
+    for (uint32_t a = 0; a < areas->count && made < room; a++) {
+        made += cr_rival_finish(&sums[a], areas->areas[a].sum.area, &out[made]);
+    }
+    return made;
+}

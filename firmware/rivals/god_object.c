@@ -5,14 +5,9 @@
 #include "rivals.h"
 
 static void look(const cr_respond_input *in, cr_vec3 p, cr_rival_planes *planes) {
-    cr_lanes3 world;
+    const cr_lanes3 world = {{p.x}, {p.y}, {p.z}};
     cr_lookup at;
-    for (int i = 0; i < CR_LANES; i++) {
-        world.x[i] = p.x;
-        world.y[i] = p.y;
-        world.z[i] = p.z;
-    }
-    cr_field_look_up(in->field, &world, &at);
+    cr_field_look_up_lanes(in->field, &world, 1u, &at);
     if (at.phi_m[0] < cr_rival_reach(in)) {
         cr_rival_add_plane(planes, v3(at.gx[0], at.gy[0], at.gz[0]), at.phi_m[0]);
     }

@@ -63,25 +63,18 @@ static void add_hit(const cr_respond_input *in, const cr_hit *hit, const cr_vec3
 }
 
 uint32_t cr_rival_normal_groups(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room) {
-    static const cr_rival_sum empty = {0};
     cr_rival_sum sums[CR_AREAS_MAX];
     cr_vec3 middle[CAPS];
     float points[CAPS] = {0.0f};
-    uint32_t made = 0u;
     for (int cap = 0; cap < CAPS; cap++) {
         middle[cap] = cap_middle(cap);
     }
-    for (uint32_t a = 0; a < areas->count; a++) {
-        sums[a] = empty;
-    }
+    cr_rival_clear(sums, areas->count);
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         count_hit(in, &in->set->hits[h], middle, points);
     }
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         add_hit(in, &in->set->hits[h], middle, points, &sums[in->set->hits[h].area]);
     }
-    for (uint32_t a = 0; a < areas->count && made < room; a++) {
-        made += cr_rival_finish(&sums[a], areas->areas[a].sum.area, &out[made]);
-    }
-    return made;
+    return cr_rival_answers(sums, areas, out, room);
 }

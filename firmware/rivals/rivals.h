@@ -72,6 +72,10 @@ void cr_rival_add(cr_rival_sum *sum, cr_vec3 push_m, cr_vec3 place_m);
 /* Purpose  the sum as one contact area.   Output  1, or 0 when it pushes nowhere. */
 uint32_t cr_rival_finish(const cr_rival_sum *sum, float area_m2, cr_area *out);
 
+/* Purpose  a sum for each contact area: empty ones before, the answers of all that push after.   Shapes  sums[areas->count]. */
+void cr_rival_clear(cr_rival_sum *sums, uint32_t count);
+uint32_t cr_rival_answers(const cr_rival_sum *sums, const cr_area_set *areas, cr_area *out, uint32_t room);
+
 /* ---- shared by the proxies (planes.c) -------------------------------------------------------------------------------- */
 
 #define CR_RIVAL_PLANES_MAX 16

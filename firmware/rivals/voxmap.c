@@ -29,30 +29,26 @@ static float add_hit(const cr_respond_input *in, const cr_hit *hit, cr_rival_sum
         cr_vec3 g = v3(s.at.gx[i], s.at.gy[i], s.at.gz[i]);
         cr_vec3 centre = surface_voxel(in->field->scene->meta, p, g, s.at.phi_m[i]);
         float below = v3_dot(v3_sub(centre, p), n), count = cr_rival_count(in, &s, i);
+        /* A point before its plane has no force, but counts: the mean is over all points in surface voxels. */
+        points += count;
         if (below > 0.0f) {
             cr_rival_add(sum, v3_scale(n, below * count / POINTS_FULL), p);
-            points += count;
         }
     }
     return points;
 }
 
 uint32_t cr_rival_voxmap(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room) {
-    static const cr_rival_sum empty = {0};
     cr_rival_sum sums[CR_AREAS_MAX];
     float points = 0.0f;
-    uint32_t made = 0u;
-    for (uint32_t a = 0; a < areas->count; a++) {
-        sums[a] = empty;
-    }
+    cr_rival_clear(sums, areas->count);
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         const cr_hit *hit = &in->set->hits[h];
         points += add_hit(in, hit, &sums[hit->area]);
     }
     float part = min_f(1.0f, POINTS_FULL / max_f(points, 1e-9f));
-    for (uint32_t a = 0; a < areas->count && made < room; a++) {
+    for (uint32_t a = 0; a < areas->count; a++) {
         sums[a].push_m = v3_scale(sums[a].push_m, part);
-        made += cr_rival_finish(&sums[a], areas->areas[a].sum.area, &out[made]);
     }
-    return made;
+    return cr_rival_answers(sums, areas, out, room);
 }

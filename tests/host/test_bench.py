@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,10 @@ from crease.trajectory import Trajectory, load_trajectory
 from host_tools import Run
 
 ROOT = Path(__file__).resolve().parent.parent.parent
+sys.path[:0] = [str(ROOT / "tests" / "bench")]
+
+import report  # noqa: E402
+
 IMAGE = ROOT / "build/scenes/edge90_cube.crs"
 EXACT = read_exact(ROOT / "tests/golden/exact/edge90_cube.csv.gz")
 OURS = Point(
@@ -60,21 +65,16 @@ def test_points_read_back(tmp_path: Path) -> None:
 
 def test_a_rival_that_is_faster_and_better_is_named() -> None:
     rival = replace(OURS, group="rival library", label="theirs", p50_us=7.0, force_rms_mm=0.02)
-    assert verdict([OURS, rival]) == [
-        "edge: of 1 rivals 1 are faster, none both faster and more accurate."
-    ]
+    assert verdict([OURS, rival]) == ["edge: 1 of 1 rivals faster, 0 of them more accurate too"]
     better = replace(rival, direction_p99_deg=0.2)
-    head, line = verdict([OURS, better])
-    assert (
-        head == "edge: of 1 rivals 1 are faster, 1 both faster and more accurate in some measure:"
-    )
-    assert (
-        "theirs, 7 us against 8: better in direction p99 0.2 against 0.3 deg; worse in force RMS 0.02"
-        in line
-    )
-    slower = replace(better, p50_us=9.0)
-    assert verdict([OURS, slower]) == [
-        "edge: none of 1 rivals is faster, none both faster and more accurate."
+    assert verdict([OURS, better]) == [
+        "edge: 1 of 1 rivals faster, 1 of them more accurate too",
+        "  theirs, 7 us against 8: better in direction p99 0.2 against 0.3 deg; "
+        "worse in force RMS 0.02 against 0.01 mm",
+    ]
+    assert verdict([OURS, replace(better, p50_us=9.0)]) == [
+        "edge: 0 of 1 rivals faster, 0 of them more accurate too",
+        "  not faster: theirs, 9 us against 8: better in direction p99 0.2 against 0.3 deg",
     ]
 
 
@@ -88,13 +88,14 @@ def test_a_rival_that_is_silent_is_not_more_accurate() -> None:
         force_rms_mm=9.0,
     )
     assert less_error(silent, OURS) == []
-    assert "silent against 0.3 deg" in verdict([OURS, replace(silent, depth_rms_mm=0.001)])[1]
+    said = verdict([OURS, replace(silent, depth_rms_mm=0.001)])
+    assert "direction p99 silent against 0.3 deg" in said[1]
 
 
 def test_a_rival_that_wins_everywhere_dominates() -> None:
     half = {key: 0.5 * getattr(OURS, key) for key in MEASURES}
     lines = verdict([OURS, replace(OURS, group="rival response", label="wins", p50_us=1.0, **half)])
-    assert lines[1].endswith("worse in nothing: it dominates.")
+    assert lines[1].endswith("worse in nothing: it dominates")
 
 
 def test_differences_within_noise_are_none() -> None:
@@ -102,10 +103,26 @@ def test_differences_within_noise_are_none() -> None:
         OURS,
         group="rival response",
         p50_us=0.99 * OURS.p50_us,
-        force_rms_mm=0.5 * OURS.force_rms_mm,
+        force_rms_mm=0.99 * OURS.force_rms_mm,
     )
-    assert "none of 1 rivals is faster" in verdict([OURS, same])[0]
-    assert less_error(replace(same, force_rms_mm=OURS.force_rms_mm - 5e-7), OURS) == []
+    assert verdict([OURS, same]) == ["edge: 0 of 1 rivals faster, 0 of them more accurate too"]
+    tiny = replace(OURS, depth_rms_mm=1e-7)
+    assert less_error(replace(tiny, depth_rms_mm=1e-9), tiny) == []
+
+
+def test_rivals_without_a_point_of_ours_are_an_error() -> None:
+    with pytest.raises(CreaseError, match="none of ours"):
+        verdict([replace(OURS, group="rival library")])
+
+
+def test_report_says_what_the_csv_beside_it_hold() -> None:
+    text = report.REPORT.read_text(encoding="utf-8")
+    assert report.filled(text, report.HERE) == text
+
+
+def test_report_without_its_marks_is_an_error() -> None:
+    with pytest.raises(CreaseError, match="settings: begin"):
+        report.filled("no marks here", report.HERE)
 
 
 def test_exponent_is_the_slope_of_the_logarithms() -> None:
@@ -143,7 +160,9 @@ def test_ablation_motions_are_where_they_say() -> None:
 def test_widened_records_are_laid_out_as_c_lays_them_out() -> None:
     kind = np.dtype([("a", "<u4"), ("b", "<f4", 3), ("c", "<u2"), ("d", "<f4")], align=True)
     wide = widened(kind)
-    assert [(wide.fields or {})[name][1] for name in "abcd"] == [0, 8, 32, 40]
+    fields = wide.fields
+    assert fields is not None
+    assert [fields[name][1] for name in "abcd"] == [0, 8, 32, 40]
     assert wide.itemsize == 48
     assert widened(np.dtype("<i2")) == np.dtype("<i2")
 

@@ -119,6 +119,39 @@ static void voxmap_measures_from_the_middle_of_the_voxel(void **state) {
     crt_close(&rig);
 }
 
+static double voxel_middle_mm(double x_mm, double origin_mm) {
+    const double voxel = VOXEL_M * 1e3;
+    return origin_mm + (floor((x_mm - origin_mm) / voxel) + 0.5) * voxel;
+}
+
+/* The cube's face leaning about y, its depth from 0.05 to 0.45 mm across it, so that some columns of points lie before the plane of
+ * their voxel: the force is the mean over all of them, each as deep as it lies below its plane. */
+static void voxmap_means_over_points_before_their_plane_too(void **state) {
+    (void)state;
+    /* The grid starts at the block's low end: this puts the middles of voxels 0.2 mm below the face. */
+    crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40.8e-3, 0.0);
+    crt_rig rig;
+    open_cube(&rig, &block, CR_RESPONSE_VOXMAP);
+    const double half = HALF_M * 1e3, lean = asin(0.4 / (2.0 * half)), height = half * cos(lean) - 0.25;
+    cr_pose pose = crt_pose(0.0, 0.0, height * 1e-3);
+    pose.rot.w = (float)cos(0.5 * lean);
+    pose.rot.y = (float)sin(0.5 * lean);
+    cr_tick(rig.world, &pose, 1e-3f, &out);
+    const double x0 = (double)rig.scene.meta->origin_m[0] * 1e3, z0 = (double)rig.scene.meta->origin_m[2] * 1e3;
+    double mean = 0.0;
+    int before = 0;
+    for (int i = 0; i < 16; i++) {
+        const double along = -half + 0.5 + i, x = along * cos(lean) - half * sin(lean),
+                     z = height - along * sin(lean) - half * cos(lean);
+        const double below = (voxel_middle_mm(x, x0) - x) * sin(lean) + (voxel_middle_mm(z, z0) - z) * cos(lean);
+        before += below < 0.0;
+        mean += fmax(0.0, below) / 16.0;
+    }
+    assert_in_range(before, 4, 12);
+    assert_near(v3_scale(out.force_world_N, (float)(1e3 / STIFFNESS)), mean * sin(lean), 0.0, mean * cos(lean), 1e-3);
+    crt_close(&rig);
+}
+
 /* Deeper than the surface voxels: at most a voxel's half diagonal off the true depth. */
 static void voxmap_goes_on_below_the_surface_voxels(void **state) {
     (void)state;
@@ -361,6 +394,7 @@ int main(void) {
         cmocka_unit_test(rivals_are_silent_in_free_space),
         cmocka_unit_test(rivals_push_straight_out_of_a_flat_wall),
         cmocka_unit_test(voxmap_measures_from_the_middle_of_the_voxel),
+        cmocka_unit_test(voxmap_means_over_points_before_their_plane_too),
         cmocka_unit_test(voxmap_goes_on_below_the_surface_voxels),
         cmocka_unit_test(distance_field_stiffness_grows_with_the_face_in_contact),
         cmocka_unit_test(normal_groups_feel_the_set_stiffness_whatever_the_face),

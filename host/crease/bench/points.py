@@ -104,7 +104,10 @@ def less_error(rival: Point, ours: Point) -> list[str]:
 
 
 def verdict(points: list[Point]) -> list[str]:
-    """One line for each scene, and one for each rival that is both faster and more accurate in any measure there."""
+    """For each scene: how many rivals are faster, which of them are more accurate too, which others are more accurate.
+
+    Lines of rivals begin with two blanks.   Errors: CreaseError when a scene has no point of ours.
+    """
     lines = []
     for scene in dict.fromkeys(p.scene for p in points):
         here = [p for p in points if p.scene == scene]
@@ -115,35 +118,33 @@ def verdict(points: list[Point]) -> list[str]:
             )
         rivals = [p for p in here if p.group in RIVALS]
         faster = [p for p in rivals if p.p50_us < CLEAR * ours.p50_us]
-        beaten = [(p, keys) for p in faster if (keys := less_error(p, ours))]
-        among = (
-            f"of {len(rivals)} rivals {len(faster)} are faster"
-            if faster
-            else f"none of {len(rivals)} rivals is faster"
-        )
+        better = [(p, keys) for p in rivals if (keys := less_error(p, ours))]
+        beaten = [(p, keys) for p, keys in better if p in faster]
         lines.append(
-            f"{scene}: {among}, {len(beaten) or 'none'} both faster and more accurate"
-            + (" in some measure:" if beaten else ".")
+            f"{scene}: {len(faster)} of {len(rivals)} rivals faster, {len(beaten)} of them more accurate too"
         )
-        lines += [_against(p, keys, ours) for p, keys in beaten]
+        lines += [f"  {_better(p, keys, ours)}{_worse(p, keys, ours)}" for p, keys in beaten]
+        lines += [
+            f"  not faster: {_better(p, keys, ours)}" for p, keys in better if p not in faster
+        ]
     return lines
 
 
-def _against(rival: Point, better: list[str], ours: Point) -> str:
-    def pair(key: str) -> str:
-        name, unit = MEASURES[key]
-        theirs = getattr(rival, key)
-        said = "silent" if math.isnan(theirs) else f"{theirs:.2g}"
-        return f"{name} {said} against {getattr(ours, key):.2g} {unit}"
+def _number(value: float) -> str:
+    return "silent" if math.isnan(value) else f"{value:,.0f}" if value >= 100 else f"{value:.2g}"
 
-    worse = [
-        key
-        for key in MEASURES
-        if key not in better and not getattr(rival, key) <= getattr(ours, key)
-    ]
-    text = f"  {rival.label}, {rival.p50_us:.2g} us against {ours.p50_us:.2g}: better in {', '.join(map(pair, better))}"
-    return text + (
-        f"; worse in {', '.join(map(pair, worse))}."
-        if worse
-        else "; worse in nothing: it dominates."
-    )
+
+def _pair(key: str, rival: Point, ours: Point) -> str:
+    name, unit = MEASURES[key]
+    return f"{name} {_number(getattr(rival, key))} against {_number(getattr(ours, key))} {unit}"
+
+
+def _better(rival: Point, keys: list[str], ours: Point) -> str:
+    said = ", ".join(_pair(key, rival, ours) for key in keys)
+    return f"{rival.label}, {_number(rival.p50_us)} us against {_number(ours.p50_us)}: better in {said}"
+
+
+def _worse(rival: Point, better: list[str], ours: Point) -> str:
+    keys = [k for k in MEASURES if k not in better and not getattr(rival, k) <= getattr(ours, k)]
+    said = ", ".join(_pair(key, rival, ours) for key in keys)
+    return f"; worse in {said}" if said else "; worse in nothing: it dominates"

@@ -127,6 +127,16 @@ def print_json(report: Mapping[str, object]) -> None:
     print(json.dumps(report, indent=2, allow_nan=False))
 
 
+def print_either(
+    as_json: bool, report: Mapping[str, object], rows: Sequence[tuple[str, str]]
+) -> None:
+    """The same report for a program or for a person."""
+    if as_json:
+        print_json(report)
+    else:
+        print_lines(rows)
+
+
 def print_lines(rows: Sequence[tuple[str, str]]) -> None:
     """A report for a person: names and values in two columns."""
     width = max(len(name) for name, _ in rows)

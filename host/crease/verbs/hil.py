@@ -19,8 +19,7 @@ from crease.verbs.common import (
     add_json,
     add_scene,
     add_stiffness,
-    print_json,
-    print_lines,
+    print_either,
     warn,
 )
 
@@ -139,10 +138,7 @@ def run(args: argparse.Namespace) -> None:
     if args.table is not None:
         write_table(args.table, _table(result))
     report = {"output": str(args.output), "transport": args.interface, **describe(result)}
-    if args.json:
-        print_json(report)
-    else:
-        print_lines(_lines(report))
+    print_either(args.json, report, _lines(report))
 
 
 def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:

@@ -23,8 +23,7 @@ from crease.verbs.common import (
     add_scene,
     add_stiffness,
     number,
-    print_json,
-    print_lines,
+    print_either,
     warn,
 )
 
@@ -177,20 +176,19 @@ def run(args: argparse.Namespace) -> None:
         "time_s": round(time.monotonic() - start_s, 3),
         "warnings": warnings,
     }
-    if args.json:
-        print_json(report)
-    else:
-        print_lines(
-            [
-                ("table", str(args.output)),
-                ("ticks", f"{len(path):,}, {report['ticks_in_contact']:,} in contact"),
-                ("force", f"{report['force_max_N']:.4g} N max"),
-                ("depth", f"{1e3 * float(rows['depth_m'].max()):.4g} mm max"),
-                (
-                    "tick",
-                    f"{float(np.percentile(rows['tick_ns'], 50)) / 1e3:.2f} us median, "
-                    f"{float(np.percentile(rows['tick_ns'], 99)) / 1e3:.2f} us p99",
-                ),
-                ("time", f"{report['time_s']:.2f} s"),
-            ]
-        )
+    print_either(
+        args.json,
+        report,
+        [
+            ("table", str(args.output)),
+            ("ticks", f"{len(path):,}, {report['ticks_in_contact']:,} in contact"),
+            ("force", f"{report['force_max_N']:.4g} N max"),
+            ("depth", f"{1e3 * float(rows['depth_m'].max()):.4g} mm max"),
+            (
+                "tick",
+                f"{float(np.percentile(rows['tick_ns'], 50)) / 1e3:.2f} us median, "
+                f"{float(np.percentile(rows['tick_ns'], 99)) / 1e3:.2f} us p99",
+            ),
+            ("time", f"{report['time_s']:.2f} s"),
+        ],
+    )

@@ -9,7 +9,7 @@ from crease.errors import RecordingError
 from crease.recording import fault_names, load_recording, rerun, to_columns
 from crease.scene import open_scene
 from crease.table import write_table
-from crease.verbs.common import print_json, print_lines, warn
+from crease.verbs.common import print_either, warn
 
 
 def run(args: argparse.Namespace) -> None:
@@ -40,18 +40,17 @@ def run(args: argparse.Namespace) -> None:
         "time_s": round(time.monotonic() - start_s, 3),
         "warnings": warnings,
     }
-    if args.json:
-        print_json(report)
-    else:
-        print_lines(
-            [
-                ("table", str(args.output)),
-                ("ticks", f"{result.records:,} run again, {report['ticks_rendering']:,} rendering"),
-                ("different", f"{result.different:,}"),
-                ("faults", ", ".join(faults) or "none"),
-                ("time", f"{report['time_s']:.2f} s"),
-            ]
-        )
+    print_either(
+        args.json,
+        report,
+        [
+            ("table", str(args.output)),
+            ("ticks", f"{result.records:,} run again, {report['ticks_rendering']:,} rendering"),
+            ("different", f"{result.different:,}"),
+            ("faults", ", ".join(faults) or "none"),
+            ("time", f"{report['time_s']:.2f} s"),
+        ],
+    )
     if result.different:
         raise RecordingError(
             f"{args.path}: {result.different} of {result.records} ticks do not come out the same, "

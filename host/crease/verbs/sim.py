@@ -13,7 +13,7 @@ import numpy as np
 from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params
 from crease.errors import BusError
 from crease.table import describe, read_table
-from crease.verbs.common import SubParsers, add_json, number, print_json, print_lines
+from crease.verbs.common import SubParsers, add_json, number, print_either
 
 PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")
 WRIST_COLUMNS = ("yaw_rad", "pitch_rad", "roll_rad")
@@ -148,21 +148,20 @@ def run(args: argparse.Namespace) -> None:
         "faults_done": counters.faults_done,
         "states": [drives.drive(axis).state for axis in range(3)],
     }
-    if args.json:
-        print_json(report)
-    else:
-        print_lines(
-            [
-                ("ticks", f"{counters.ticks:,}"),
-                (
-                    "frames",
-                    f"{counters.frames_in:,} in, {counters.frames_out:,} out, {counters.frames_ignored:,} not for us",
-                ),
-                ("lost", f"{counters.frames_dropped + lost:,}"),
-                ("faults", f"{counters.faults_done:,}"),
-                ("drives", ", ".join(drives.drive(axis).state for axis in range(3))),
-            ]
-        )
+    print_either(
+        args.json,
+        report,
+        [
+            ("ticks", f"{counters.ticks:,}"),
+            (
+                "frames",
+                f"{counters.frames_in:,} in, {counters.frames_out:,} out, {counters.frames_ignored:,} not for us",
+            ),
+            ("lost", f"{counters.frames_dropped + lost:,}"),
+            ("faults", f"{counters.faults_done:,}"),
+            ("drives", ", ".join(drives.drive(axis).state for axis in range(3))),
+        ],
+    )
 
 
 def _run_socketcan(args: argparse.Namespace, drives: Drives) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crease.scene import open_scene
 from crease.table import check_suffix, check_target, read_table, write_bytes
-from crease.verbs.common import SubParsers, add_force, add_json, print_json, print_lines, warn
+from crease.verbs.common import SubParsers, add_force, add_json, print_either, warn
 from crease.verbs.plot import labels
 
 
@@ -51,12 +51,11 @@ def run(args: argparse.Namespace) -> None:
     warn(page.warnings)
     write_bytes(args.output, page.text.encode("utf-8"))
     report = {"output": str(args.output), **page.report, "warnings": list(page.warnings)}
-    if args.json:
-        print_json(report)
-    else:
-        print_lines(
-            [
-                ("page", f"{args.output}, {len(page.text.encode('utf-8')) / 1e6:.2f} MB"),
-                ("replays", f"{len(replays)}, {report['ticks']:,} ticks"),
-            ]
-        )
+    print_either(
+        args.json,
+        report,
+        [
+            ("page", f"{args.output}, {len(page.text.encode('utf-8')) / 1e6:.2f} MB"),
+            ("replays", f"{len(replays)}, {report['ticks']:,} ticks"),
+        ],
+    )

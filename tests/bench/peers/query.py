@@ -253,7 +253,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("scenes", nargs="+", metavar="SCENE")
     parser.add_argument("--every", type=int, default=40)
-    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--repeat", type=int, default=10)
     parser.add_argument("--library", type=Path, required=True, help="peers.c as a shared library")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)

@@ -1,0 +1,142 @@
+"""Tables of REPORT.md from the CSV beside it; given a folder of `make bench-peers`, CSV and pictures come from there.
+
+    python tests/bench/report.py [build/bench]
+
+Only what lies between `<!-- NAME: begin -->` and `<!-- NAME: end -->` is written; the words round it are a person's.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import shutil
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from crease.bench.points import OURS, Point, read_points, verdict
+from crease.errors import CreaseError
+
+HERE = Path(__file__).resolve().parent
+REPORT = HERE / "REPORT.md"
+FILES = ("pareto.csv", "precision.csv", "pareto.png", "pareto_more.png", "precision.png")
+
+
+def _row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return "\n".join([_row(heads), "|" + "---|" * len(heads), *map(_row, rows)])
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return ""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.2g}"
+
+
+def _angles(p: Point) -> str:
+    if math.isnan(p.direction_p99_deg):
+        return "silent"
+    return f"{_number(p.direction_p50_deg)} / {_number(p.direction_p99_deg)}"
+
+
+def _settings(points: list[Point]) -> str:
+    heads = ("path", "setting", "p50 / p99.99, us", "instructions", "image, MB", "force RMS / max, mm",
+             "direction p50 / p99, deg", "amplification (exact)")  # fmt: skip
+    chosen = [p for p in points if not p.group.startswith("rival")]
+    rows = []
+    for p in chosen:
+        name = (
+            f"**{p.label}**, {p.voxel_mm:g} mm voxel, {p.spacing_mm:g} mm samples"
+            if p.group == OURS
+            else p.label
+        )
+        exact = p.group == "exact boolean"
+        rows.append((
+            p.scene, name, f"{_number(p.p50_us)} / {_number(p.p9999_us)}",
+            "" if math.isnan(p.instructions) else f"{round(p.instructions, -3):,.0f}",
+            "" if exact else f"{1e-6 * p.image_bytes:.1f}",
+            "0" if exact else f"{_number(p.force_rms_mm)} / {_number(p.force_max_mm)}",
+            "0" if exact else _angles(p),
+            "" if exact else f"{_number(p.amplification)} ({_number(p.amplification_exact)})",
+        ))  # fmt: skip
+    return _table(heads, rows)
+
+
+def _rivals(points: list[Point]) -> str:
+    """A row for each way to answer, a column for each path: time, force error, direction error."""
+    scenes = list(dict.fromkeys(p.scene for p in points))
+    chosen = [p for p in points if p.group == OURS or p.group.startswith("rival")]
+    labels = list(dict.fromkeys(p.label for p in chosen))
+
+    def cell(label: str, scene: str) -> str:
+        found = [p for p in chosen if (p.label, p.scene) == (label, scene)]
+        if not found:
+            return ""
+        p = found[0]
+        turn = "silent" if math.isnan(p.direction_p99_deg) else _number(p.direction_p99_deg)
+        return f"{_number(p.p50_us)} / {_number(p.force_rms_mm)} / {turn}"
+
+    names = {p.label: f"**{p.label}**" if p.group == OURS else p.label for p in chosen}
+    rows = [(names[label], *(cell(label, scene) for scene in scenes)) for label in labels]
+    return _table(("us / mm / deg", *scenes), rows)
+
+
+def _verdict(points: list[Point]) -> str:
+    return "\n".join(f"  - {t[2:]}" if t.startswith("  ") else f"- {t}" for t in verdict(points))
+
+
+def _precision(folder: Path) -> str:
+    heads = ("path", "coverage", "ticks in contact", "decide otherwise", "differ by over 0.1 um",
+             "force RMS / p99 / max, um", "direction p99 / max, deg", "error float32 / double, mm",
+             "tick float32 / double, us")  # fmt: skip
+    with (folder / "precision.csv").open(encoding="utf-8", newline="") as file:
+        rows = [
+            (
+                row["path"], row["coverage"], f"{int(row['ticks']):,}", row["flips"], row["choices"],
+                " / ".join(_number(float(row[f"force_{k}_um"])) for k in ("rms", "p99", "max")),
+                " / ".join(_number(float(row[f"direction_{k}_deg"])) for k in ("p99", "max")),
+                f"{float(row['error_single_mm']):.4g} / {float(row['error_double_mm']):.4g}",
+                f"{_number(float(row['single_us']))} / {_number(float(row['double_us']))}",
+            )
+            for row in csv.DictReader(file)
+        ]  # fmt: skip
+    return _table(heads, rows)
+
+
+def filled(text: str, folder: Path) -> str:
+    """The report with the tables of the CSV in a folder.   Errors: CreaseError when a mark or a file is missing."""
+    points = read_points(folder / "pareto.csv")
+    tables = {
+        "settings": _settings(points),
+        "rivals": _rivals(points),
+        "verdict": _verdict(points),
+        "precision": _precision(folder),
+    }
+    for name, table in tables.items():
+        begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+        if text.count(begin) != 1 or text.count(end) != 1:
+            raise CreaseError(f"{REPORT.name}: '{begin}' and '{end}' must stand there once")
+        head, rest = text.split(begin)
+        text = f"{head}{begin}\n{table}\n{end}{rest.split(end)[1]}"
+    return text
+
+
+def main() -> int:
+    """Command line: see the top of the file."""
+    try:
+        if len(sys.argv) == 2:
+            for name in FILES:
+                shutil.copyfile(Path(sys.argv[1]) / name, HERE / name)
+        REPORT.write_text(filled(REPORT.read_text(encoding="utf-8"), HERE), encoding="utf-8")
+    except (OSError, CreaseError) as error:
+        print(f"error: {error}; run `make bench-peers` first", file=sys.stderr)
+        return 1
+    print(REPORT)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
