@@ -288,8 +288,9 @@ static void touch_plane(walk *w, uint32_t first, uint32_t facet, const struct cr
     cr_vec3 normal = v3_from(plane->normal);
     cr_vec3 points = v3_mad(xform_rotate(w->pose, v3(sum->px, sum->py, sum->pz)), w->pose->t, sum->area);
     float height = v3_dot(normal, points) - plane->offset_m * sum->area;
-    add_to_touch(touch, sum->area, normal, v3(0.0f, 0.0f, 0.0f));
-    touch->point_sum_m3 = v3_add(touch->point_sum_m3, v3_mad(points, normal, -height));
+    float told = part_told(w->scene->meta->spacing_m, height / max_f(sum->area, 1e-20f));
+    add_to_touch(touch, told * sum->area, normal, v3(0.0f, 0.0f, 0.0f));
+    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, v3_mad(points, normal, -height), told);
     touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, v3(sum->ax, sum->ay, sum->az));
 }
 
@@ -317,7 +318,7 @@ static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k
     const float *height = l->heights->height_m[k], *top = l->heights->top_m;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
-        float share = l->coverage[i], area = share * c->area[i] * part_told(w->scene->meta->spacing_m, l->planes->sign * top[i]);
+        float share = l->coverage[i], area = share * c->area[i];
         area *= 1.0f - (top[i] - height[i]) / max_f(reach_of_lane(w, c, i), 1e-9f);
         sum.area += area;
         sum.px += area * c->x[i];
@@ -451,17 +452,23 @@ static float cover_cut_lane(const walk *w, const looked *l, int i, float *phi_m)
     return p->sign < 0.0f ? 1.0f - share : share;
 }
 
-static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane) {
-    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+/* A cluster and the sphere round it, in the tool frame. */
+typedef struct {
+    uint32_t cluster;
+    cr_vec3 centre_m;
+    float radius_m, reach_m; /* reach: with the margin */
+} leaf;
+
+static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
     const uint32_t used = (1u << c->count) - 1u;
     cr_heights h;
     cr_planes one;
     float coverage[CR_LANES];
-    const cr_vec3 centre = v3(b->x[lane], b->y[lane], b->z[lane]);
-    const cr_planes *p = cr_planes_alone(&w->planes, centre, b->radius[lane], w->apart_m, &one);
+    const cr_planes *p = cr_planes_alone(&w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
-    looked l = {cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
+    looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
@@ -488,19 +495,18 @@ static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane)
     return 0.0f;
 }
 
-/* Points of a cluster within reach_m of its centre. Returns how far the tool may move before it needs another look; 0 when it is in
- * contact. */
-static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane, float reach_m) {
+/* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
+static float look_at_points(walk *w, const leaf *f, const batch *b, int lane) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, reach_m);
-    w->stats->points += w->scene->clusters[cluster].count;
+    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, f->reach_m);
+    w->stats->points += w->scene->clusters[f->cluster].count;
     if (kind == 0u) {
-        return look_up_points(w, cluster, b, lane);
+        return look_up_points(w, f->cluster, b, lane);
     }
     if (w->planes.kind != kind) {
         cr_planes_turn(w->scene, w->pose, kind, &w->planes);
     }
-    return measure_points(w, cluster, b, lane);
+    return measure_points(w, f, b, lane);
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
@@ -522,24 +528,24 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
 /* One leaf sphere that was looked at: free, whole, or to be looked at point by point. */
 static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
     const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
-    const uint32_t child = slot % CR_LANES, cluster = g->child[child];
-    float phi = b->centres.phi_m[lane], reach = g->radius[child] + g->margin[child];
-    float moved = w->motion->slide_m + w->motion->turn_rad * g->rho[child];
+    const uint32_t at = slot % CR_LANES;
+    const leaf f = {g->child[at], v3(g->x[at], g->y[at], g->z[at]), g->radius[at], g->radius[at] + g->margin[at]};
+    float phi = b->centres.phi_m[lane], moved = w->motion->slide_m + w->motion->turn_rad * g->rho[at];
     float *wake = &w->motion->wake_m[slot];
     if (w->options->skip & CR_SKIP_TREE) {
-        float clearance = phi - reach - w->slack_out_m;
+        float clearance = phi - f.reach_m - w->slack_out_m;
         if (clearance > 0.0f) {
             *wake = moved + clearance * 0.999999f;
             return;
         }
-        if (-phi > reach + w->slack_in_m) {
+        if (-phi > f.reach_m + w->slack_in_m) {
             w->stats->clusters_inside++;
-            take_whole(w, cluster, b, lane);
+            take_whole(w, f.cluster, b, lane);
             return;
         }
     }
     w->lookups++;
-    *wake = moved + look_at_points(w, cluster, b, lane, reach) * 0.999999f;
+    *wake = moved + look_at_points(w, &f, b, lane) * 0.999999f;
 }
 
 /* Look at the leaf spheres that wait, in cluster order. */
