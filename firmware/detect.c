@@ -49,8 +49,8 @@ typedef struct {
     float slack_in_m;  /* the same inside */
     float per_crease;  /* 1 / crease_m */
     uint32_t kernels;
-    cr_planes planes; /* those that the last cluster on planes lay at */
-    float apart_m;    /* a plane this much lower than another does not matter */
+    cr_planes *planes; /* those that the last cluster on planes lay at */
+    float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
 
 /* Leaf spheres waiting for a look, in cluster order: lanes of several groups share one lookup. */
@@ -463,7 +463,7 @@ static float measure_points(walk *w, uint32_t cluster, const batch *b, int lane)
     cr_planes one;
     float coverage[CR_LANES];
     const cr_vec3 centre = v3(b->x[lane], b->y[lane], b->z[lane]);
-    const cr_planes *p = cr_planes_alone(&w->planes, centre, b->radius[lane], w->apart_m, &one);
+    const cr_planes *p = cr_planes_alone(w->planes, centre, b->radius[lane], w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
     looked l = {cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
@@ -502,8 +502,8 @@ static float look_at_points(walk *w, uint32_t cluster, const batch *b, int lane)
     if (kind == 0u) {
         return look_up_points(w, cluster, b, lane);
     }
-    if (w->planes.kind != kind) {
-        cr_planes_turn(w->scene, w->pose, kind, &w->planes);
+    if (w->planes->kind != kind) {
+        cr_planes_turn(w->scene, w->pose, kind, w->planes);
     }
     return measure_points(w, cluster, b, lane);
 }
@@ -659,17 +659,19 @@ static int tool_is_free(walk *w) {
 
 void cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
                cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u, {0}, 0.0f};
+    cr_planes planes;
+    walk w = {field, field->scene, pose, options, motion, set, stats, 0.0f, 0.0f, 0.0f, 0u, &planes, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
     w.per_crease = 1.0f / max_f(field->scene->meta->crease_m, 1e-9f);
-    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
     set->hit_count = 0u;
     set->touch_count = 0u;
     if (tool_is_free(&w)) {
         return;
     }
+    planes.kind = 0u;
+    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
     level stack[CR_TREE_DEPTH_MAX];
     batch b;
     int depth = 0;
