@@ -54,8 +54,8 @@ typedef struct {
     float slack_in_m;  /* the same inside */
     float reach_m;     /* how far beside it the sample or cluster in hand touches other facets */
     uint32_t lookups;
-    cr_planes planes; /* those that the last cluster on planes lay at */
-    float apart_m;    /* a plane this much lower than another does not matter */
+    cr_planes *planes; /* those that the last cluster on planes lay at */
+    float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
 
 /* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
@@ -465,7 +465,7 @@ static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
     cr_heights h;
     cr_planes one;
     float coverage[CR_LANES];
-    const cr_planes *p = cr_planes_alone(&w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
+    const cr_planes *p = cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
     looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
@@ -503,8 +503,8 @@ static float look_at_points(walk *w, const leaf *f, const batch *b, int lane) {
     if (kind == 0u) {
         return look_up_points(w, f->cluster, b, lane);
     }
-    if (w->planes.kind != kind) {
-        cr_planes_turn(w->scene, w->pose, kind, &w->planes);
+    if (w->planes->kind != kind) {
+        cr_planes_turn(w->scene, w->pose, kind, w->planes);
     }
     return measure_points(w, f, b, lane);
 }
@@ -678,11 +678,11 @@ static void give_up(walk *w) {
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f, 0u, {0}, 0.0f};
+    cr_planes planes;
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f, 0u, &planes, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
-    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
     if (!search->open) {
         search->depth = search->waiting = search->calls = 0u;
         set->hit_count = 0u;
@@ -690,6 +690,10 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         if (tool_is_free(&w)) {
             return 1;
         }
+    }
+    planes.kind = 0u;
+    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
+    if (!search->open) {
         enter_group(&w, 0u);
     }
     search->open = !descend(&w, options->lookups_max);

@@ -77,7 +77,8 @@ static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *firs
     uint32_t most = first->planes, least = first->kind;
     for (int32_t z = b->low[2]; z <= b->high[2]; z++) {
         for (int32_t y = b->low[1]; y <= b->high[1]; y++) {
-            const uint32_t *row = s->top + (z * f->dims[1] + y) * f->dims[0];
+            const int32_t start = (z * f->dims[1] + y) * f->dims[0];
+            const uint32_t *row = &s->top[start];
             for (int32_t x = b->low[0]; x <= b->high[0]; x++) {
                 if ((row[x] & CR_TOP_FAR) != 0u || s->bricks[row[x]].planes == 0u) {
                     return 0u;

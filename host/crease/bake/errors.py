@@ -72,7 +72,7 @@ def look_up(
 
 
 def planes_error(voxmap: Voxmap, points: F64, exact: F64) -> F64:
-    """How far the planes of each point's brick are off there, 0 where it has none. Shapes: points (n, 3), exact (n,)."""
+    """How far the planes of each point's brick are off, 0 where it has none. Shapes: points (n, 3), exact (n,)."""
     grid = voxmap.grid
     where = np.floor((points - grid.origin_m) / grid.brick_m).astype(np.int64)
     x, y, z = np.clip(where, 0, np.array(grid.dims) - 1).T

@@ -40,8 +40,8 @@ class BrickPlanes:
 class NearBricks:
     """What is known of the near bricks.
 
-    Shapes: where (n, 3) brick indices x, y, z; phi (n, 9, 9, 9); cells (n, 8, 8, 8). points_of: samples of bricks (m, 3),
-    side^3 in each, as (m, side^3, 3); distance_of: exact distances of points.
+    Shapes: where (n, 3) brick indices x, y, z; phi (n, 9, 9, 9); cells (n, 8, 8, 8). points_of: samples of bricks
+    (m, 3), side^3 in each, as (m, side^3, 3); distance_of: exact distances of points.
     """
 
     where: npt.NDArray[np.int64]
@@ -52,12 +52,12 @@ class NearBricks:
 
 
 class _Checker:
-    """Checks planes against the exact distances at the base samples of bricks, and at PROBE_SIDE^3 where cells are MIXED."""
+    """Checks planes against exact distances: at base samples, and at PROBE_SIDE^3 points where cells are MIXED."""
 
     def __init__(self, bricks: NearBricks, kinds: Kinds, tolerance_m: float) -> None:
         self._bricks, self._kinds, self._tolerance_m = bricks, kinds, tolerance_m
         rows = np.array([kinds.row(i)[0] == int(lib.CR_KIND_MIXED) for i in range(len(kinds))])
-        self._mixed = rows[bricks.cells].any(axis=(1, 2, 3))
+        self._mixed = np.asarray(rows[bricks.cells].any(axis=(1, 2, 3)))
 
     def find(self, seen: list[Facets]) -> I32:
         """For each brick the kind of these facets that gives its distances, 0: none."""
@@ -80,20 +80,20 @@ class _Checker:
     ) -> npt.NDArray[np.int64]:
         sign, planes, b = SIGNS.get(kind, 1.0), self._kinds.planes_of(facets), self._bricks
 
-        def off(points: F64, exact: F64) -> npt.NDArray[np.bool_]:
+        def agree(points: F64, exact: F64) -> npt.NDArray[np.bool_]:
             value = sign * convex_distance(sign * planes, points.reshape(-1, 3))
             error = np.abs(value.reshape(len(exact), -1) - exact.reshape(len(exact), -1))
-            return np.asarray((error > self._tolerance_m).any(axis=1))
+            return np.asarray((error <= self._tolerance_m).all(axis=1))
 
         if len(rows) == 0:
             return rows
-        rows = rows[~off(b.points_of(b.where[rows], b.phi.shape[1]), b.phi[rows])]
-        doubtful = rows[self._mixed[rows]]
-        if len(doubtful) == 0:
+        rows = rows[agree(b.points_of(b.where[rows], b.phi.shape[1]), b.phi[rows])]
+        mixed = self._mixed[rows]
+        if not mixed.any():
             return rows
-        points = b.points_of(b.where[doubtful], PROBE_SIDE)
+        points = b.points_of(b.where[rows[mixed]], PROBE_SIDE)
         exact = b.distance_of(points).reshape(points.shape[:2])
-        return np.setdiff1d(rows, doubtful[off(points, exact)])
+        return np.concatenate([rows[~mixed], rows[mixed][agree(points, exact)]])
 
 
 def find_planes(bricks: NearBricks, kinds: Kinds, tolerance_m: float) -> BrickPlanes:
