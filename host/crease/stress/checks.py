@@ -39,8 +39,8 @@ LIPSCHITZ = 64.0
 BISECTIONS = 12
 
 JOINED_SPACINGS = 2.5
-"""Samples cannot tell contacts nearer than this apart: each reaches one of two samples beside each other, whose pieces are up to
-1.4 spacings across."""
+"""Samples cannot tell contacts nearer than this apart: each reaches one of two samples beside each other,
+whose pieces are up to 1.4 spacings across."""
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def _place_of_contact(pair: Pair, pose: F64) -> F64:
 
 
 def _smaller(solid: Solid, at_m: F64) -> Iterator[Solid]:
-    """The solid cut off half-way between the contact and each side of its box; where it is convex, without one corner."""
+    """The solid cut off half-way between the contact and each side of its box; a convex one also without a corner."""
     box = np.array(solid.bounding_box()).reshape(2, 3)
     for axis in range(3):
         for end, sign in zip(box, (1.0, -1.0), strict=True):
@@ -97,8 +97,8 @@ def _rebuilt(place: Place, solids: Solids, both_frames: bool) -> Place:
 def shrink_solids(place: Place, bad: Violation, seconds: float) -> tuple[Place, Violation]:
     """Simpler solids that show the violation too, as far as the time goes.
 
-    Each cut or corner left out is kept when it leaves fewer triangles and the check, in a scene baked anew, is violated as
-    before.   Cost: `seconds` of processor time and at most one bake more.
+    Each cut or corner left out is kept when it leaves fewer triangles and the check, in a scene baked anew, is
+    violated as before.   Cost: `seconds` of processor time and at most one bake more.
     """
     end_s = time.process_time() + seconds
     found = True

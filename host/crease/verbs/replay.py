@@ -99,8 +99,8 @@ def add_parser(sub: SubParsers) -> None:
         "--skips",
         metavar="LIST",
         type=skips,
-        help="what detection may skip, comma-separated: top, tree, coherence, or none; the answer is the same to the bit "
-        "(default: all)",
+        help="what detection may skip, comma-separated: top, tree, coherence, or none; the answer is the same to "
+        "the bit (default: all)",
     )
     add_json(parser)
     add_force(parser)
