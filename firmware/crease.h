@@ -155,8 +155,8 @@ typedef struct {
 typedef struct {
     uint32_t nodes;            /* spheres of the tree whose distance was looked up */
     uint32_t points;           /* shell points whose distance was looked up */
-    uint32_t contacts;         /* shell points inside the static object */
-    uint32_t clusters;         /* clusters in contact */
+    uint32_t contacts;         /* shell points inside the static object; 0 in a tick that answers with earlier areas */
+    uint32_t clusters;         /* clusters in contact; likewise */
     uint32_t clusters_inside;  /* of these, taken whole without looking at their points */
     uint32_t nodes_coherent;   /* spheres not looked at thanks to temporal coherence */
     uint32_t late_ticks;       /* age of the pose whose contact is answered; 0: this tick's */

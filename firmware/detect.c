@@ -209,8 +209,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
     hit->whole = 1u;
     hit->sum = w->scene->sums[cluster];
-    w->stats->contacts += w->scene->clusters[cluster].count;
-    w->stats->clusters++;
+    w->set->contacts += w->scene->clusters[cluster].count;
     if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
         touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
@@ -384,8 +383,7 @@ static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
     hit->near = (uint16_t)(l->near & around);
     hit->whole = 0u;
     cr_sum_cluster(l->c, lanes == l->covered ? l->coverage : some, &hit->sum);
-    w->stats->contacts += count_lanes(hit->inside);
-    w->stats->clusters++;
+    w->set->contacts += count_lanes(hit->inside);
     if (l->planes != NULL) {
         hit->planes = (uint16_t)l->planes->kind;
         touch_planes(w, l, hit, lanes);
@@ -552,7 +550,6 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
 static void look_at_waiting(walk *w) {
     cr_search *s = w->search;
     const uint32_t count = s->waiting;
-    cr_lanes3 tool;
     batch b;
     if (count == 0u) {
         return;
@@ -560,13 +557,13 @@ static void look_at_waiting(walk *w) {
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
         const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
-        tool.x[i] = g->x[lane];
-        tool.y[i] = g->y[lane];
-        tool.z[i] = g->z[lane];
+        b.world.x[i] = g->x[lane]; /* of the tool yet */
+        b.world.y[i] = g->y[lane];
+        b.world.z[i] = g->z[lane];
     }
     w->lookups++;
     w->stats->nodes += count;
-    cr_lanes_to_world(w->pose, tool.x, tool.y, tool.z, &b.world);
+    cr_lanes_to_world(w->pose, b.world.x, b.world.y, b.world.z, &b.world);
     cr_field_look_up_lanes(w->field, &b.world, (1u << count) - 1u, &b.centres);
     for (uint32_t i = 0; i < count; i++) {
         visit_cluster(w, s->slot[i], &b, (int)i);
@@ -687,6 +684,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         search->depth = search->waiting = search->calls = 0u;
         set->hit_count = 0u;
         set->touch_count = 0u;
+        set->contacts = 0u;
         if (tool_is_free(&w)) {
             return 1;
         }

@@ -135,6 +135,7 @@ typedef struct {
 
 typedef struct {
     uint32_t hit_count, touch_count;
+    uint32_t contacts; /* points inside the static object */
     cr_hit hits[CR_CLUSTERS_MAX];
     cr_touch touches[CR_TOUCHES_MAX];
 } cr_contact_set;

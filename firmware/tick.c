@@ -247,6 +247,8 @@ static void answer_found(cr_world *w, const xform *at, cr_output *out) {
         w->held[i] = (held_area){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
     }
     w->held_at = w->motion.last;
+    out->stats.contacts = w->set.contacts;
+    out->stats.clusters = w->set.hit_count;
 }
 
 static void answer_held(const cr_world *w, cr_output *out) {

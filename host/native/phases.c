@@ -51,7 +51,7 @@ static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, 
     row->detect_ns = since(start);
     row->points = b->stats.points;
     row->nodes = b->stats.nodes;
-    row->contacts = b->stats.contacts;
+    row->contacts = b->set.contacts;
     if (b->set.hit_count == 0u) {
         return;
     }
