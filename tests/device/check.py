@@ -306,7 +306,7 @@ def check_budgets(
 COST_FIXED, COST_NODE, COST_POINT, COST_HIT, COST_ZONE, COST_HIT_ZONE = (
     20_000,
     900,
-    420,
+    450,
     3_300,
     4_500,
     950,

@@ -78,7 +78,6 @@ cr_servo_config board_settings(void) {
     cr_servo_config config = cr_servo_config_default();
     config.bus.host_timeout_ms *= SLOWER;
     config.bus.torque_timeout_ms *= SLOWER;
-    config.world.lookups_max = BOARD_LOOKUPS_MAX;
     return config;
 }
 

@@ -8,10 +8,6 @@
 #define BOARD_STOP_FAILED 1u
 #define BOARD_STOP_FAULT 99u
 
-/* Lookups of a tick's search (cr_config): the cube over the edge then takes 131,000 instructions at most, 0.28 ms at 480 MHz, and one
- * answer in four is late. DESIGN.md "On a Cortex-M7". */
-#define BOARD_LOOKUPS_MAX 40u
-
 /* Pattern of stack that was never used. */
 #define BOARD_STACK_FILL 0x5AA5C33Cu
 
