@@ -159,9 +159,15 @@ def main() -> int:
     parser.add_argument("--json", metavar="OUT", type=Path)
     parser.add_argument("--figure", metavar="OUT.png", type=Path)
     parser.add_argument("--more", action="store_true", help="more speeds, hands and delays")
+    parser.add_argument(
+        "--responses", action="store_true", help="instead: buzz, turn and energy of four responses"
+    )
     parser.add_argument("--processes", type=int, default=min(os.cpu_count() or 1, 4))
     args = parser.parse_args()
     print(f"{machine()}\n")
+    if args.responses:
+        loop_report.print_dragged(loop_report.responses_table())
+        return 0
     results = self_test()
     print_self_test(results)
     worst = max(r.error for r in results)

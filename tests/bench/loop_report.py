@@ -36,6 +36,8 @@ CLAIMED = {"edge90_sphere": (20.0, 50.0), "corner3_sphere": (20.0,)}
 and guide (0.9 s), else the hand cannot follow and the tool hops: 79 mm of arc allow 87 mm/s on the edge with the ball
 R 50, 24 mm allow 26 mm/s on the corner with the ball R 15."""
 FIGURE_SPEED = 0.2
+RESPONSES = ("zones", "fixed45", "deepest_group", "overlap")
+"""Those that the map of stable stiffness compares too (`crease stress --closed-loop`)."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +68,12 @@ def print_dragged(rows: list[Dragged]) -> None:
         "force step and turn: of the commanded force in one tick; energy: work of the contact / stored"
     )
     print(
-        f"{'scene':15s} {'mm/s':>5s} {'hand':7s} {'response':8s} {'buzz':>13s} {'worst':>13s} "
+        f"{'scene':15s} {'mm/s':>5s} {'hand':7s} {'response':13s} {'buzz':>13s} {'worst':>13s} "
         f"{'step':>5s} {'turn':>6s} {'energy':>7s} {'force':>6s}  faults"
     )
     for r in rows:
         print(
-            f"{r.scene:15s} {r.speed_mm_s:5.0f} {r.hand:7s} {r.response:8s} "
+            f"{r.scene:15s} {r.speed_mm_s:5.0f} {r.hand:7s} {r.response:13s} "
             f"{r.buzz:5.3f} ({r.buzz_free:5.3f}) {r.worst:5.3f} ({r.worst_free:5.3f}) "
             f"{100 * r.force_step:4.0f}% {r.turn_deg:5.1f}d {r.energy:+7.2f} {r.force_max_N:4.1f} N  {r.faults}"
         )
@@ -111,6 +113,15 @@ def dragged_table(more: bool) -> list[Dragged]:
         for factor in factors
         for hand in (NORMAL_GRIP, FIRM_GRIP)
         for response in ("zones", "fixed45")
+    ]
+
+
+def responses_table() -> list[Dragged]:
+    """Every response round the edge, over the corner and along the groove, at 50 mm/s with the normal hand."""
+    return [
+        drag_case(scene, 0.5, NORMAL_GRIP, response)[0]
+        for scene in (*SCENES, "groove_block")
+        for response in RESPONSES
     ]
 
 

@@ -181,7 +181,11 @@ def draw(cells: list[Cell], path: Path) -> None:
         grid = np.array([[share[(response, place, loop)] for loop in loops] for place in places])
         image = axis.imshow(grid, vmin=0.0, vmax=2.0, cmap="RdYlBu", aspect="auto")
         for (row, column), value in np.ndenumerate(grid):
-            axis.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8)
+            dark = not 0.3 < value < 1.7
+            axis.text(
+                column, row, f"{value:.2f}", ha="center", va="center", fontsize=8,
+                color="white" if dark else "black",
+            )  # fmt: skip
         axis.set_yticks(range(len(places)), places)
         axis.set_xticks(
             range(len(loops)),
