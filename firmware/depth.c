@@ -341,10 +341,8 @@ static float last_above_one(const cr_planes *p, cr_vec3 middle, cr_vec3 down) {
     float last = NOWHERE;
     for (uint32_t k = 0; k < p->count; k++) {
         float height = v3_dot(p->normal_tool[k], middle) + p->offset_m[k], rise = v3_dot(p->normal_tool[k], down);
-        if (height + rise >= 0.0f) {
-            return 1.0f;
-        }
-        last = rise < 0.0f ? max_f(last, -height / rise) : last;
+        float leaves = rise < 0.0f ? -height / rise : NOWHERE;
+        last = max_f(last, height + rise >= 0.0f ? 1.0f : leaves);
     }
     return last;
 }

@@ -93,15 +93,6 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
     out->gz[lane] = sign * grad.z;
 }
 
-void cr_field_use_planes(const cr_field *f, uint32_t kind, const cr_lanes3 *p, uint32_t lanes, cr_lookup *out) {
-    out->from_facet = 0u;
-    out->bent = 0u;
-    while (lanes != 0u) {
-        int i = take_lane(&lanes);
-        use_planes(f, kind, v3(p->x[i], p->y[i], p->z[i]), i, out);
-    }
-}
-
 /* A lane in a brick with crease cells: its distance comes from planes when its cell has them and the surface is near. */
 static inline void use_crease(const cr_field *f, const cr_lanes3 *p, int i, cr_lookup *out) {
     if (abs_f(out->phi_m[i]) >= f->scene->meta->crease_m) {

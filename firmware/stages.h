@@ -50,10 +50,6 @@ void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup
  * Cost     with CR_SCALAR about 150 instructions a lane, 70 in far bricks. */
 void cr_field_look_up_lanes(const cr_field *field, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
 
-/* Purpose  the same for lanes where the planes of a kind are known to give the distance: no bit of from_facet is clear among them. */
-void cr_field_use_planes(const cr_field *field, uint32_t kind, const cr_lanes3 *world_m, uint32_t lanes,
-                         cr_lookup *out);
-
 /* Purpose  what a lane sees of the static surface: index into scene->kinds, 0 when no surface is near. */
 uint32_t cr_field_kind(const cr_field *field, const cr_lookup *at, int lane);
 
