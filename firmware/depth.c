@@ -381,7 +381,21 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     return best;
 }
 
-/* Lowest point along n of the internal surface of a group of zones: of hits that touch one of them, or none. */
+/* Is the middle of a hit where one of these zones is, in the zone's sphere? The tip of a tool in a groove touches the
+ * wall it is less deep in, and is the lowest point of the other one too. */
+static int is_at_zones(const cr_respond_input *in, const cr_area_work *area, const cr_hit *hit, uint32_t zones) {
+    const cr_vec3 sum = v3(hit->sum.px, hit->sum.py, hit->sum.pz);
+    const cr_vec3 middle = xform_point(in->world_from_tool, v3_scale(sum, 1.0f / max_f(hit->sum.area, 1e-20f)));
+    int at = 0;
+    while (zones != 0u) {
+        const cr_zone *zone = &area->zones[take_lane(&zones)];
+        const cr_vec3 off = v3_sub(middle, zone->centre_world_m);
+        at = at || v3_dot(off, off) <= zone->radius_m * zone->radius_m;
+    }
+    return at;
+}
+
+/* Lowest point along n of the internal surface of a group of zones: of hits that touch one of them, or none, or are where they are. */
 float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *area, const cr_group *part, cr_vec3 n,
                 float plane_m) {
     const probe d = {
@@ -395,7 +409,8 @@ float cr_lowest(const cr_respond_input *in, uint32_t index, const cr_area_work *
         for (uint32_t h = 0; h < in->set->hit_count; h++) {
             const cr_hit *hit = &in->set->hits[h];
             uint32_t bits = part->own == all ? all : zones_of_hit(in, area, h, &touch);
-            if (hit->area != index || (bits != 0u && (bits & part->own) == 0u)) {
+            if (hit->area != index ||
+                (bits != 0u && (bits & part->own) == 0u && !is_at_zones(in, area, hit, part->own))) {
                 continue;
             }
             if (near) {
