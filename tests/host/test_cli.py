@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -60,6 +61,8 @@ def test_help_of_every_verb(crease: Run, verb: str) -> None:
         "replay a.crs b.csv -o c.csv --response magic",
         "replay a.crs b.csv -o c.csv --stiffness nan",
         "replay a.crs b.csv -o c.csv --damping x",
+        "replay a.crs b.csv -o c.csv --lookups 31",
+        "replay a.crs b.csv -o c.csv --lookups 64.5",
         "plot -o x.png",
         "info",
     ],
@@ -246,6 +249,18 @@ def test_force_limit_is_warned_of(
     said = crease("replay", scene_crs, press_csv, "-o", folder / "lim.csv", "--stiffness", "1e6")
     assert said.status == 0
     assert re.search(r"warning: \d+ of 400 ticks reached a limit", said.err)
+
+
+def test_late_answers_are_warned_of(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    words = ("replay", scene_crs, press_csv, "-o", folder / "late.csv", "--skips", "none")
+    said = crease(*words, "--lookups", "32", "--json")
+    assert said.status == 0
+    late = json.loads(said.out)["ticks_late"]
+    assert late > 0
+    assert f"warning: {late} of 400 ticks answer an earlier pose, up to" in said.err
+    assert json.loads(crease(*words, "--json", "--force").out)["ticks_late"] == 0
 
 
 class Terminal:

@@ -47,6 +47,17 @@ def number(low: float, high: float) -> Any:
     return parse
 
 
+def whole_in(low: int, high: int) -> Any:
+    """Type of an option that is a whole number in low..high."""
+
+    def parse(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number in {low}..{high}")
+        return int(text)
+
+    return parse
+
+
 def whole(text: str) -> int:
     """Type of an option that is a whole number of 1 or more."""
     if not text.isdecimal() or int(text) < 1:

@@ -25,6 +25,7 @@ from crease.verbs.common import (
     number,
     print_either,
     warn,
+    whole_in,
 )
 
 
@@ -85,7 +86,7 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "--lookups",
         metavar="N",
-        type=number(32, 1 << 20),
+        type=whole_in(32, 1 << 20),
         help="distances of 16 points that one tick may look up; a search that needs more takes several ticks (default: "
         f"{lib.cr_config_default().lookups_max})",
     )
@@ -142,7 +143,7 @@ def run(args: argparse.Namespace) -> None:
         damping_Ns_m=args.damping,
         response=args.response,
         coverage=args.coverage,
-        lookups_max=None if args.lookups is None else int(args.lookups),
+        lookups_max=args.lookups,
         force_max_N=args.force_max,
         skip=args.skips,
     )
