@@ -138,7 +138,7 @@ def jobs_of(folder: Path, quick: bool) -> list[Job]:
 def run_map(
     folder: Path, processes: int, quick: bool, progress: Callable[[float], None]
 ) -> list[Cell]:
-    """All points that are not there yet, on some processes; DIR/closed_loop.csv and DIR/closed_loop.png.   Errors: CreaseError."""
+    """The points that are missing, on some processes; DIR/closed_loop.csv and .png of all.   Errors: CreaseError."""
     pad_scene(folder)
     groove_scene(folder)
     (folder / "cells").mkdir(exist_ok=True)
