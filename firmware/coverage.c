@@ -102,7 +102,8 @@ void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct 
     }
     cover_by_slope(pose, c, at, coverage);
     cr_planes planes;
-    planes.kind = 0u;
+    planes.kind = planes.count = 0u;
+    planes.sign = 1.0f;
     for (uint32_t over = at->from_facet & ((1u << c->count) - 1u); over != 0u;) {
         int i = take_lane(&over);
         if (!(abs_f(at->phi_m[i]) < c->ramp[i])) {

@@ -527,7 +527,11 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
 static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
     const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
     const uint32_t at = slot % CR_LANES;
-    const leaf f = {g->child[at], v3(g->x[at], g->y[at], g->z[at]), g->radius[at], g->radius[at] + g->margin[at]};
+    leaf f;
+    f.cluster = g->child[at];
+    f.centre_m = v3(g->x[at], g->y[at], g->z[at]);
+    f.radius_m = g->radius[at];
+    f.reach_m = f.radius_m + g->margin[at];
     float phi = b->centres.phi_m[lane], moved = w->motion->slide_m + w->motion->turn_rad * g->rho[at];
     float *wake = &w->motion->wake_m[slot];
     if (w->options->skip & CR_SKIP_TREE) {

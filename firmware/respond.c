@@ -305,7 +305,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
 
 static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr_area_work *a, cr_area *out,
                             uint32_t room) {
-    weights w;
+    weights w = {{0.0f}, {{0.0f, 0.0f, 0.0f}}, {0.0f}};
     cr_group groups[CR_ZONES_MAX];
     uint32_t made = 0u;
     cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
