@@ -12,10 +12,10 @@ static inline float max_f(float a, float b) { return a > b ? a : b; }
 static inline float clamp_f(float v, float low, float high) { return min_f(max_f(v, low), high); }
 static inline float abs_f(float a) { return a < 0.0f ? -a : a; }
 /* 1 below zero, as a bit; 1 for -0 too. */
-static inline uint32_t sign_bit_f(float a) {
-    uint32_t bits;
-    memcpy(&bits, &a, sizeof bits);
-    return bits >> 31;
+static inline uint32_t sign_bit_f(float v) {
+    uint32_t words[sizeof v / sizeof(uint32_t)]; /* one; two where the sources are built in double */
+    memcpy(words, &v, sizeof v);
+    return words[sizeof v / sizeof(uint32_t) - 1u] >> 31;
 }
 /* False for infinities and not-a-number, without libm. */
 static inline int is_finite_f(float a) { return a - a == 0.0f; }

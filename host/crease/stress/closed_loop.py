@@ -91,6 +91,7 @@ def work(job: Job) -> Cell:
     if path.exists():
         return Cell(**json.loads(path.read_text(encoding="utf-8")))
     cell = bisect(job)
+    path.parent.mkdir(exist_ok=True)
     write_bytes(path, (json.dumps(asdict(cell)) + "\n").encode())
     return cell
 
@@ -141,7 +142,6 @@ def run_map(
     """The points that are missing, on some processes; DIR/closed_loop.csv and .png of all.   Errors: CreaseError."""
     pad_scene(folder)
     groove_scene(folder)
-    (folder / "cells").mkdir(exist_ok=True)
     jobs = jobs_of(folder, quick)
     cells = []
     with ProcessPoolExecutor(processes) as pool:
