@@ -92,10 +92,9 @@ struct cr_img_brick {
     uint16_t side;    /* cells along an edge: a power of two, 1..CR_BRICK_SIDE_MAX */
     uint16_t creased; /* 1: holds cells of kind CONVEX or CONCAVE */
     uint32_t cells;   /* first entry of the cell table (512), or CR_CELLS_NONE: kind holds for the whole brick */
-    uint16_t
-        kind; /* index into kinds[] when cells is CR_CELLS_NONE; 0 is "no surface". Else as planes, with the fewest facets */
-    uint16_t
-        planes; /* index of a kind whose planes give the distance anywhere in the brick, as those of `kind` do; 0: none */
+    /* Indices into kinds[]. kind: of all the brick when cells is CR_CELLS_NONE, 0 is "no surface"; else as planes, with the fewest
+     * facets. planes: those give the distance anywhere in the brick; 0: none do. */
+    uint16_t kind, planes;
 };
 
 /* What of the static surface a cell sees. */

@@ -81,8 +81,8 @@ typedef struct {
     float height_m[CR_KIND_FACETS_MAX][CR_LANES];
     float top_m[CR_LANES];                /* the largest height */
     uint32_t highest[CR_KIND_FACETS_MAX]; /* lanes whose largest height is above that plane */
-    uint32_t below,
-        cut; /* lanes whose piece lies below all planes, lanes whose piece is cut by one; the rest is outside */
+    uint32_t below;                       /* lanes whose piece lies below all planes */
+    uint32_t cut;                         /* lanes whose piece is cut by one; the rest is outside */
 } cr_heights;
 
 /* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.

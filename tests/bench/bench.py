@@ -1,6 +1,6 @@
 """Accuracy of every test scene against the exact reference, and the cost of a tick, with the machine's name.
 
-    python tests/bench/bench.py [--scene NAME ...] [--repeat N] [--json OUT] [--figures DIR]
+    python tests/bench/bench.py [--scene NAME ...] [--lookups N] [--repeat N] [--json OUT] [--figures DIR]
 
 Needs build/scenes and build/meshes (make scenes). Figures written in tests/bench/ of the repository come from here.
 """
@@ -48,7 +48,9 @@ COLUMNS = (
 )
 
 
-def accuracy_table(specs: dict[str, SceneSpec]) -> dict[str, dict[str, Accuracy]]:
+def accuracy_table(
+    specs: dict[str, SceneSpec], lookups_max: int | None
+) -> dict[str, dict[str, Accuracy]]:
     """Print and return scene x method."""
     head = " ".join(f"{title:>7s}" for _, title, _, _ in COLUMNS)
     units = " ".join(f"{unit:>7s}" for _, _, unit, _ in COLUMNS)
@@ -60,8 +62,9 @@ def accuracy_table(specs: dict[str, SceneSpec]) -> dict[str, dict[str, Accuracy]
         scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
         exact = read_exact(EXACT / spec.exact)
         results[name] = {}
-        for method, options in METHODS.items():
-            found = measure(scene, path, exact, replace(options, stiffness_N_m=spec.stiffness_N_m))
+        for method, chosen in METHODS.items():
+            options = replace(chosen, stiffness_N_m=spec.stiffness_N_m, lookups_max=lookups_max)
+            found = measure(scene, path, exact, options)
             results[name][method] = found
             values = " ".join(f"{getattr(found, key):{form}}" for key, _, _, form in COLUMNS)
             print(f"{name:16s} {method:8s} {values}", flush=True)
@@ -176,6 +179,7 @@ def main() -> None:
     parser.add_argument(
         "--repeat", type=int, default=20, help="replays for the least cost of each pose"
     )
+    parser.add_argument("--lookups", type=int, help="of a tick, for the accuracy of late answers")
     parser.add_argument("--json", type=Path, help="write all figures here")
     parser.add_argument(
         "--figures", type=Path, help="draw each scene beside the exact curve in this folder"
@@ -184,7 +188,7 @@ def main() -> None:
     specs = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)
     specs = {n: s for n, s in specs.items() if not args.scene or n in args.scene}
     print(f"machine: {machine()}\n")
-    accuracy = accuracy_table(specs)
+    accuracy = accuracy_table(specs, args.lookups)
     cost = cost_table(specs, args.repeat)
     if args.figures:
         for name in accuracy:
