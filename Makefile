@@ -20,19 +20,19 @@ APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev 
 APT_BROWSER := chromium-headless-shell
 BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 
-FIRMWARE_C := $(wildcard firmware/*.c)
+FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c)
 # Other methods, for comparison: host and simulator only, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
-PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
+PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
 C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
@@ -82,7 +82,7 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/rivals/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h host/native/*.h) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
@@ -100,11 +100,11 @@ build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
 
 scenes: build/scenes/.stamp ## scene images of meshes/scenes.toml, in build/scenes
 
-BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py topology.py scenes.py bodies.py)
+BAKE_PY := $(wildcard host/crease/mesh/*.py host/crease/bake/*.py)
 
 build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(BAKE_PY)
 	@mkdir -p $(@D)
-	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes
+	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes
 	@touch $@
 
 # ---------------------------------------------------------------------------------------------------------- demo
@@ -116,8 +116,8 @@ DEMO_SCENES := edge90_sphere edge90_cube
 
 build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL) $(PAGE)
 	@mkdir -p build/demo
-	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
-	$(PY) -m crease.demo meshes/scenes.toml build/meshes build/scenes build/demo
+	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
+	$(PY) -m crease.draw.demo meshes/scenes.toml build/meshes build/scenes build/demo
 	@touch $@
 
 # --------------------------------------------------------------------------------------------------------- tests
@@ -199,10 +199,10 @@ coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp coverage-fi
 # The long one reaches nothing that the others do not.
 COVERING := $(filter-out test_soak,$(TEST_NAMES))
 
-coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of firmware/*.c
+coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
 	@for t in $(COVERING); do build/cov/tests/$$t >build/coverage/$$t.log 2>&1 || { cat build/coverage/$$t.log; exit 1; }; done
-	gcovr --root . --filter 'firmware/[^/]*\.[ch]$$' --branches --print-summary \
+	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*)\.[ch]$$' --branches --print-summary \
 	    --fail-under-line 100 --fail-under-branch 95 build/cov
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name

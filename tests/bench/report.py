@@ -14,8 +14,8 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from crease.bench.points import OURS, Point, read_points, verdict
-from crease.errors import CreaseError
+from crease.base.errors import CreaseError
+from study.points import OURS, Point, read_points, verdict
 
 HERE = Path(__file__).resolve().parent
 REPORT = HERE / "REPORT.md"

@@ -16,9 +16,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 INDIRECT = "__indirect_call"
-INDIRECT_ALLOWED = {"cr_respond", "firmware/respond.c:answer_group"}
+INDIRECT_ALLOWED = {"cr_respond", "firmware/contact/respond.c:answer_group"}
 """Callers of the response table."""
-POINTERS_ALLOWED = {("firmware/respond.c", "turn_fn"), ("firmware/respond.c", "answer_fn")}
+POINTERS_ALLOWED = {
+    ("firmware/contact/respond.c", "turn_fn"),
+    ("firmware/contact/respond.c", "answer_fn"),
+}
 """Function pointer types: the response table's rows."""
 
 STACKS_ALLOWED = {"static", "dynamic,bounded"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -18,8 +19,8 @@ from check import (
     read_counts,
     undefined_symbols,
 )
-from crease.trajectory import load_trajectory
-from jobs import ROOT, path_job, path_rows
+from crease.replay.trajectory import load_trajectory
+from jobs import FIRMWARE_C, ROOT, path_job, path_rows
 
 EXTERNAL = {"memset": 32, "memcpy": 32}
 
@@ -119,17 +120,16 @@ def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
     hashes = []
     for name in ("as it is", "off by one"):
         folder = tmp_path / name.replace(" ", "_")
-        folder.mkdir()
-        for source in (*(ROOT / "firmware").glob("*.[ch]"), *(ROOT / "tests/check").glob("*.[ch]")):
-            text = source.read_text(encoding="utf-8")
-            if name == "off by one" and source.name == "tick.c":
-                exact = "config.stiffness_N_m * area->depth_m"
-                assert text.count(exact) == 1
-                text = text.replace(exact, exact + " * 1.0000001f")
-            (folder / source.name).write_text(text, encoding="utf-8")
-        parts = [folder / f"{part}.c" for part in ("replay_hash", "job", "blob")]
-        parts += [folder / path.name for path in (ROOT / "firmware").glob("*.c")]
-        words = ["gcc", "-O1", *FLAGS, f"-I{folder}", *parts, "-lm", "-o", folder / "runner"]
+        shutil.copytree(ROOT / "firmware", folder, ignore=shutil.ignore_patterns("port", "rivals"))
+        if name == "off by one":
+            tick = folder / "contact/tick.c"
+            text, exact = tick.read_text("utf-8"), "config.stiffness_N_m * area->depth_m"
+            assert text.count(exact) == 1
+            tick.write_text(text.replace(exact, exact + " * 1.0000001f"), "utf-8")
+        parts = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
+        parts += [folder / path.relative_to(ROOT / "firmware") for path in FIRMWARE_C]
+        includes = [f"-I{folder}", f"-I{ROOT / 'tests/check'}"]
+        words = ["gcc", "-O1", *FLAGS, *includes, *parts, "-lm", "-o", folder / "runner"]
         subprocess.run([str(word) for word in words], check=True)
         said = subprocess.run([folder / "runner", job], capture_output=True, text=True, check=True)
         told = said.stdout.split()

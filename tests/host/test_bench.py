@@ -9,18 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.bench.ablation import HEIGHTS_MM, SKIPS, motion
-from crease.bench.points import MEASURES, Point, less_error, read_points, verdict, write_records
-from crease.bench.precision import compare, force_um
-from crease.bench.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
-from crease.bench.scaling import corner_poses, exponent
-from crease.bench.setup import read_exact
-from crease.errors import CreaseError
-from crease.experiment.setup import make_path
-from crease.replay import ReplayOptions, run_path
-from crease.scene import open_scene
-from crease.trajectory import Trajectory, load_trajectory
+from crease.base.errors import CreaseError
+from crease.base.scene import open_scene
+from crease.lab.setup import make_path
+from crease.replay.replay import ReplayOptions, run_path
+from crease.replay.trajectory import Trajectory, load_trajectory
 from host_tools import Run
+from study.ablation import HEIGHTS_MM, SKIPS, motion
+from study.against_exact import read_exact
+from study.points import MEASURES, Point, less_error, read_points, verdict, write_records
+from study.precision import compare, force_um
+from study.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
+from study.scaling import corner_poses, exponent
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "bench")]

@@ -11,15 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from crease.bodies import Body, bodies_path, read_bodies, reduce_body
-from crease.errors import SceneError
-from crease.native import ffi, lib
-from crease.scene import Scene, open_scene
-from crease.table import read_table, write_table
-from crease.trajectory import check_rows, load_trajectory
-from crease.view.contacts import NO_PATCH, Contacts, check_layouts, find_contacts, tool_samples_m
-from crease.view.pack import LIMIT, Packer
-from crease.view.scripts import load_scripts
+from crease.bake.bodies import Body, bodies_path, read_bodies, reduce_body
+from crease.base.errors import SceneError
+from crease.base.native import ffi, lib
+from crease.base.scene import Scene, open_scene
+from crease.base.table import read_table, write_table
+from crease.draw.view.contacts import (
+    NO_PATCH,
+    Contacts,
+    check_layouts,
+    find_contacts,
+    tool_samples_m,
+)
+from crease.draw.view.pack import LIMIT, Packer
+from crease.draw.view.scripts import load_scripts
+from crease.replay.trajectory import check_rows, load_trajectory
 from host_tools import Run, write_path
 
 BUILD = Path(__file__).resolve().parents[2] / "build"

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from crease.bake import BakeOptions, bake_scene
-from crease.mesh import make_mesh
-from crease.native import COVERAGES, RESPONSES
-from jobs import ROOT, path_job
+from crease.bake.bake import BakeOptions, bake_scene
+from crease.base.native import COVERAGES, RESPONSES
+from crease.mesh.mesh import make_mesh
+from jobs import FIRMWARE_C, ROOT, path_job
 
 FLAGS = [
     "-std=c11",
@@ -40,7 +40,7 @@ def build(folder: Path, options: str) -> Path:
     program = folder / options.replace(" ", "_")
     sources = [
         *(ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")),
-        *sorted((ROOT / "firmware").glob("*.c")),
+        *FIRMWARE_C,
         *sorted((ROOT / "firmware/rivals").glob("*.c")),
     ]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]

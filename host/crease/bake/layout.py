@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease.native import ffi, lib
+from crease.base.native import ffi, lib
 
 _PRIMITIVES = {
     "float": "<f4",
