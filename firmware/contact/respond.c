@@ -3,9 +3,6 @@
  * Weights of the zones by cone decomposition, plane, depth and splitting at concave creases are the same for every response; a
  * response may turn the normal. The method as published (hard coverage) has its own path. */
 #include "contact/respond.h"
-#ifdef CR_RIVALS
-#include "rivals/rivals.h"
-#endif
 
 /* Pull of a zone's weight to the tool area facing it: breaks ties between dependent zones; larger biases the direction. */
 #define PULL_FACING 1e-3f
@@ -60,15 +57,6 @@ static void weigh_by_cone(const cr_respond_input *in, const cr_area_work *a, cr_
     }
 }
 
-/* Normal of a group of zones, given the one from the cone decomposition. */
-typedef cr_vec3 (*turn_fn)(const cr_area_work *area, const float *share, cr_vec3 n);
-
-static cr_vec3 keep_normal(const cr_area_work *a, const float *share, cr_vec3 n) {
-    (void)a;
-    (void)share;
-    return n;
-}
-
 /* The method [1] is compared with: at a corner every zone counts the same, 45 degrees at a right-angled edge. The penetration is
  * that of the zones, so that only the direction differs. */
 static cr_vec3 turn_to_45(const cr_area_work *a, const float *share, cr_vec3 n) {
@@ -79,28 +67,6 @@ static cr_vec3 turn_to_45(const cr_area_work *a, const float *share, cr_vec3 n) 
     float length = v3_norm(sum);
     return length > 1e-3f ? v3_scale(sum, 1.0f / length) : n;
 }
-
-/* A response of its own: all areas at once, nothing shared with the zone method. */
-typedef uint32_t (*answer_fn)(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room);
-
-/* The response table: config->response selects a row. */
-static const struct {
-    turn_fn turn;
-    uint32_t as_published; /* 1: hard coverage selects the method to the letter of [1] */
-    answer_fn answer;      /* not null: this instead */
-} responses[CR_RESPONSE_COUNT] = {
-    [CR_RESPONSE_ZONES] = {keep_normal, 1u, NULL},
-    [CR_RESPONSE_FIXED45] = {turn_to_45, 0u, NULL},
-#ifdef CR_RIVALS
-    [CR_RESPONSE_VOXMAP] = {NULL, 0u, cr_rival_voxmap},
-    [CR_RESPONSE_DISTANCE_FIELD] = {NULL, 0u, cr_rival_distance_field},
-    [CR_RESPONSE_DEEPEST_GROUP] = {NULL, 0u, cr_rival_deepest_group},
-    [CR_RESPONSE_OVERLAP] = {NULL, 0u, cr_rival_overlap},
-    [CR_RESPONSE_NORMAL_GROUPS] = {NULL, 0u, cr_rival_normal_groups},
-    [CR_RESPONSE_GOD_OBJECT] = {NULL, 0u, cr_rival_god_object},
-    [CR_RESPONSE_SPHERE_PROXY] = {NULL, 0u, cr_rival_sphere_proxy},
-#endif
-};
 
 /* Facet patch that a lane is on, for zones that need their own lanes. */
 static int lane_is_on(const cr_field *f, const cr_lookup *at, int lane, uint32_t patch) {
@@ -297,7 +263,9 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
     if (raw_m <= ROUNDING_M + 2e-7f * abs_f(out->offset_m) || out->depth_m <= 0.0f) {
         return 0;
     }
-    out->normal_world = responses[in->config->response].turn(a, part->share, out->normal_world);
+    if (in->config->response == CR_RESPONSE_FIXED45) {
+        out->normal_world = turn_to_45(a, part->share, out->normal_world);
+    }
     out->point_world_m = acting_point(in, a, w, part->share);
     cr_report_area(a, w->alpha, part->share, out);
     return 1;
@@ -309,7 +277,7 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
     cr_group groups[CR_ZONES_MAX];
     uint32_t made = 0u;
     cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
-    if (in->config->coverage == CR_COVERAGE_HARD && responses[in->config->response].as_published) {
+    if (in->config->coverage == CR_COVERAGE_HARD && in->config->response == CR_RESPONSE_ZONES) {
         return cr_answer_as_published(in, index, a, s, out);
     }
     weigh_by_cone(in, a, s, w.alpha);
@@ -333,10 +301,11 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
 uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
                     cr_stats *stats) {
     uint32_t made = 0u;
-    const answer_fn answer = responses[in->config->response].answer;
-    if (answer != NULL) {
-        return answer(in, areas, out, out_max);
+#ifdef CR_RIVALS
+    if (in->config->response > CR_RESPONSE_FIXED45) {
+        return cr_respond_as_rival(in, areas, out, out_max);
     }
+#endif
     for (uint32_t i = 0; i < areas->count; i++) {
         const cr_area_work *a = &areas->areas[i];
         if (a->zone_count == 0u || !(a->sum.area > 0.0f)) {

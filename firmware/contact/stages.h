@@ -251,6 +251,11 @@ typedef struct {
 uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
                     cr_stats *stats);
 
+#ifdef CR_RIVALS
+/* Purpose  the same by a response of rivals/, which answers for all areas at once. Defined there. */
+uint32_t cr_respond_as_rival(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max);
+#endif
+
 /* Purpose  what the last tick detected, with the area of every hit: for viewers, no tick reads it.
  * Output   stale after a tick that reported no areas; never null. */
 const cr_contact_set *cr_world_contacts(const cr_world *world);

@@ -61,8 +61,6 @@ DEVICES = {
     "m4f": ("mps2-an386", 0x21000000),
     "m55": ("mps3-an547", 0x60000000),
 }
-INDIRECT = {"answer_group": ("keep_normal", "turn_to_45"), "cr_respond": ()}
-"""The only calls through a pointer: the response table. cr_respond would call rivals, which no device library has."""
 REFERENCE = "gcc -O2"
 LIMIT_S = 600.0
 
@@ -257,7 +255,7 @@ def static_bytes(build: str) -> int:
 def stack_of(build: str) -> Chain:
     """The worst chain of the library.   Errors: CallGraphError."""
     files = [path.with_suffix(".ci") for path in library_objects(build)]
-    return worst_chain(read_graph(files, allowed_symbols(), INDIRECT))
+    return worst_chain(read_graph(files, allowed_symbols()))
 
 
 def combined(runs: dict[str, Run]) -> str:
