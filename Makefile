@@ -23,6 +23,7 @@ BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c)
 # Other methods, for comparison: host and simulator only, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
+CONTACT_C := $(wildcard firmware/contact/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
 NATIVE_C := $(wildcard host/native/*.c)
@@ -31,6 +32,7 @@ C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h fir
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
+IMAGE_HELPERS := $(filter-out %/servo_rig.c,$(TEST_HELPERS))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
@@ -134,18 +136,37 @@ CFLAGS_cov := -O0 -g --coverage -DNDEBUG
 CC_fuzz := clang
 CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
-C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -DCR_RIVALS -ffp-contract=off -fno-math-errno
+# As on the device. What compares with rivals is built again, in rivals/ of a variant's folder.
+C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
+WITH_RIVALS := -DCR_RIVALS
 INCLUDES := -Ifirmware -Ifirmware/port/linux -Ifirmware/port/cortex-m7 -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
 
 define VARIANT
-build/$(1)/%.o: %.c
+# Options that change make every object anew.
+build/$(1)/.flags: FORCE
+	@mkdir -p $$(@D); echo '$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES)' | cmp -s - $$@ \
+	    || echo '$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES)' >$$@
+
+build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
 	@echo "$(1): $$<"
 	@$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
 
-build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(RIVALS_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
+build/$(1)/rivals/%.o: %.c build/$(1)/.flags
+	@mkdir -p $$(@D)
+	@echo "$(1), rivals: $$<"
+	@$(CC_$(1)) $(C_STD) $(WITH_RIVALS) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
+
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
+
+build/$(1)/librivals.a: $(patsubst %.c,build/$(1)/rivals/%.o,$(CONTACT_C) $(RIVALS_C) $(IMAGE_HELPERS))
+	@rm -f $$@
+	@ar rcs $$@ $$^
+
+build/$(1)/tests/test_rivals: build/$(1)/rivals/tests/unit/test_rivals.o build/$(1)/librivals.a
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
 
 build/$(1)/libsim.a: $(SIM_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
@@ -196,8 +217,8 @@ coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp coverage-fi
 	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
 
-# The long one reaches nothing that the others do not.
-COVERING := $(filter-out test_soak,$(TEST_NAMES))
+# The long one reaches nothing that the others do not; what is covered is what ships.
+COVERING := $(filter-out test_soak test_rivals,$(TEST_NAMES))
 
 coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
@@ -289,27 +310,36 @@ lint: build/.host ## format, static analysis and types: C and Python
 
 LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-rooms lint-ruff lint-mypy
 
-SHIPPED_C := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+SHIPPED_C := $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+# What the extra variant has: other methods, and the few files of the tick that know of them.
+EXTRA_C := $(RIVALS_C) $(shell grep -l CR_RIVALS $(CONTACT_C))
 STRICT := $(WARNINGS) -Werror -Wsign-conversion -Wdouble-promotion -Wvla -Wundef -Wstrict-prototypes -Wmissing-prototypes
 
-# With optimisation: some warnings need the data flow.
+# With optimisation: some warnings need the data flow. Files $(1), options $(2).
+define WARN
+	@for f in $(1); do \
+	    gcc $(C_STD) $(2) $(INCLUDES) -O2 $(STRICT) -Wlogical-op -Wduplicated-cond -c $$f -o /dev/null; \
+	    clang $(C_STD) $(2) $(INCLUDES) -O2 $(STRICT) -Wcomma -Wunreachable-code -c $$f -o /dev/null; done
+endef
+
 lint-warnings:
 	@echo "gcc, clang -Werror: $(SHIPPED_C)"
-	@for f in $(SHIPPED_C); do \
-	    gcc $(C_STD) $(INCLUDES) -O2 $(STRICT) -Wlogical-op -Wduplicated-cond -c $$f -o /dev/null; \
-	    clang $(C_STD) $(INCLUDES) -O2 $(STRICT) -Wcomma -Wunreachable-code -c $$f -o /dev/null; done
+	$(call WARN,$(SHIPPED_C),)
+	@echo "the same with rivals: $(EXTRA_C)"
+	$(call WARN,$(EXTRA_C),$(WITH_RIVALS))
 
 # Without optimisation, which gcc 12 needs to follow loops that fill an array.
 lint-analyzer:
 	@echo "gcc -fanalyzer: $(SHIPPED_C)"
 	@for f in $(SHIPPED_C); do gcc $(C_STD) $(INCLUDES) -O0 -fanalyzer -Werror -c $$f -o /dev/null; done
+	@for f in $(EXTRA_C); do gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -O0 -fanalyzer -Werror -c $$f -o /dev/null; done
 
 # Deviations and their reasons: tests/check/misra.csv.
 lint-misra:
 	$(PY) tests/check/misra.py --std=c11 -D__GNUC__ -Ifirmware --suppress=missingIncludeSystem -- $(FIRMWARE_C)
 
 lint-structure:
-	$(PY) tests/check/structure.py gcc $(filter-out -DCR_RIVALS,$(C_STD)) -Ifirmware -- $(FIRMWARE_C)
+	$(PY) tests/check/structure.py gcc $(C_STD) -Ifirmware -- $(FIRMWARE_C)
 
 lint-rooms:
 	$(PY) tests/check/rooms.py
@@ -319,7 +349,8 @@ lint-clang-format:
 
 lint-clang-tidy:
 	@echo clang-tidy $(SHIPPED_C)
-	@clang-tidy --quiet --warnings-as-errors='*' $(SHIPPED_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	@{ clang-tidy --quiet --warnings-as-errors='*' $(SHIPPED_C) -- $(C_STD) $(INCLUDES) && \
+	    clang-tidy --quiet --warnings-as-errors='*' $(EXTRA_C) -- $(C_STD) $(WITH_RIVALS) $(INCLUDES); } 2>build/clang-tidy.log \
 	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
 
 lint-cppcheck:
