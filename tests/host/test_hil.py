@@ -36,10 +36,6 @@ def run_crr(folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run) ->
     return path
 
 
-def test_record_layout_is_that_of_the_c_struct() -> None:
-    assert rec.check_layout()
-
-
 def test_hil_renders_the_contact_without_a_fault(
     folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
 ) -> None:

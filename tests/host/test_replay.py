@@ -14,16 +14,11 @@ from crease.replay.replay import (
     COLUMNS,
     ReplayOptions,
     World,
-    check_row_layout,
     run_path,
     to_columns,
 )
 from crease.replay.trajectory import check_rows, load_trajectory
 from host_tools import Run, write_path
-
-
-def test_row_type_matches_the_c_struct() -> None:
-    assert check_row_layout()
 
 
 def test_names_come_from_the_c_enumerations() -> None:

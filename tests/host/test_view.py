@@ -19,7 +19,6 @@ from crease.base.table import read_table, write_table
 from crease.draw.view.contacts import (
     NO_PATCH,
     Contacts,
-    check_layouts,
     find_contacts,
     tool_samples_m,
 )
@@ -40,10 +39,6 @@ def states_after(contacts: Contacts, tick: int, samples: int) -> np.ndarray[Any,
     for change in contacts.changes[: int(contacts.ticks["changes"][: tick + 1].sum())]:
         states[int(change["sample"])] = int(change["area"]), int(change["patch"])
     return states
-
-
-def test_row_types_match_the_c_structs() -> None:
-    assert check_layouts()
 
 
 @pytest.mark.parametrize("coverage", ["soft", "hard"])

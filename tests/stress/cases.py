@@ -7,13 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from crease.base.attitude import to_matrix
 from crease.base.native import RESPONSES, lib
 from crease.mesh.mesh import Mesh
 from crease.replay.replay import ReplayOptions, World
 
 from stress import checks
 from stress.checks import Violation
-from stress.pool import Pair, Placed, matrices, rotations, to_frame
+from stress.pool import Pair, Placed, rotations, to_frame
 from stress.solids import Rng
 
 F64 = npt.NDArray[np.float64]
@@ -81,7 +82,7 @@ def touching(rng: Rng, pair: Pair, count: int, low_m: float, high_m: float) -> F
     at, on_tool = at / frame.scale, on_tool / frame.scale
     q = _turning(normal, 0.4 * rng.normal(size=(count, 3)) - outward)
     height = rng.uniform(low_m, high_m, (count, 1))
-    turned = np.einsum("nab,nb->na", matrices(q), on_tool)
+    turned = np.einsum("nab,nb->na", to_matrix(q), on_tool)
     return np.hstack([at + height * outward - turned, q])
 
 

@@ -8,21 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from crease.base.native import ffi, lib
+from crease.base.records import record
 from crease.replay.replay import ReplayOptions, World
 
 from stress.cases import touching
 from stress.pool import random_pair
 
-ROW = np.dtype(
-    [
-        ("rot", np.float32, 4),
-        ("force_N", np.float32, 3),
-        ("torque_Nm", np.float32, 3),
-        ("depth_m", np.float32),
-        ("faults", np.uint32),
-    ]
-)
-"""`cr_drift_row` of host/native/drift.h, field by field."""
+ROW = record("cr_drift_row")
+"""Of host/native/drift.h."""
 
 TURN_RAD = 1.7e-3
 """A tick's turn: 1.7 rad/s."""

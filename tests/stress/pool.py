@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from crease.bake.bake import BakeOptions, bake_scene
+from crease.base.attitude import to_matrix
 from crease.base.errors import MeshError
 from crease.base.scene import Scene, open_image
 from crease.lab.exact import Solids
@@ -101,17 +102,6 @@ def rotations(rng: Rng, count: int) -> F64:
     return np.asarray(q / np.linalg.norm(q, axis=1, keepdims=True))
 
 
-def matrices(q: F64) -> F64:
-    """Rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
 def to_frame(frame: Frame, poses: F64) -> F64:
     """Poses (n, 7) of hand size in a scene's frame: what the tick gets. The tool is scaled, not moved."""
     at = frame.scale * (poses[:, :3] @ frame.turn.T + frame.shift_m)
@@ -126,7 +116,7 @@ def random_frame(rng: Rng, scale: float, far: bool) -> Frame:
     # The tick takes positions up to 1e4 m.
     reach_m = min(reach_m, 5e3 / scale)
     way = rng.normal(size=3)
-    return Frame(matrices(q[None])[0], q, reach_m * way / np.linalg.norm(way), scale)
+    return Frame(to_matrix(q), q, reach_m * way / np.linalg.norm(way), scale)
 
 
 def bake_placed(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.attitude import to_matrix
 from crease.mesh.mend import to_manifold
 from crease.mesh.mesh import Mesh
 
@@ -46,13 +47,7 @@ def make_solids(static: Mesh, tool: Mesh) -> Solids:
 
 def world_from_tool(pose: F64) -> F64:
     """World from tool, (3, 4), of x y z and a unit quaternion w x y z."""
-    w, x, y, z = pose[3:]
-    turn = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.hstack([np.array(turn), pose[:3, None]])
+    return np.hstack([to_matrix(pose[3:]), pose[:3, None]])
 
 
 def _pieces(solids: Solids, pose: F64) -> list[Any]:

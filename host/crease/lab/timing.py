@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from crease.base.errors import CreaseError
 from crease.base.native import error_text, ffi, lib, skip_mask
+from crease.base.records import record
 from crease.base.scene import Scene
 from crease.draw.plot import COLOURS, STYLE, new_figure
 from crease.lab.setup import Result, Setup, Table, machine, text_rows
@@ -19,11 +20,8 @@ TRIANGLES = (50, 100, 350, 800, 2700)
 PHASES = ("detect", "zones", "normal", "penetration")
 SPHERES = {"with spheres": skip_mask(["all"]), "without spheres": 0}
 
-ROW = np.dtype(
-    [(f"{name}_ns", np.uint32) for name in PHASES]
-    + [(name, np.uint32) for name in ("points", "nodes", "contacts", "areas")]
-)
-"""`cr_phases_row` of host/native/phases.h, field by field."""
+ROW = record("cr_phases_row")
+"""Of host/native/phases.h."""
 
 
 def time_phases(

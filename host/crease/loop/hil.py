@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
+from crease.base.records import record
 from crease.base.scene import Scene
 from crease.bus.drives import Drives, Fault, Frame, Params
 from crease.replay.measures import buzz_m_s2
@@ -39,16 +40,7 @@ SETTLE_TICKS = 400
 """How long it then holds still before rendering starts: the drives are set up and calibrated meanwhile."""
 START_LIMIT_TICKS = 10_000
 
-MECHANISM = np.dtype(
-    [
-        ("tip_pos_m", np.float64, 3),
-        ("tip_vel_m_s", np.float64, 3),
-        ("tip_acc_m_s2", np.float64, 3),
-        ("hand_force_N", np.float64, 3),
-        ("hand_target_m", np.float64, 3),
-        ("joint_torque", np.float64, 3),
-    ]
-)
+MECHANISM = record("cr_lockstep_row")
 """What the simulator knows of the mechanism after each tick; frame of the base."""
 
 

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import butter, sosfiltfilt
 
+from crease.base.attitude import to_matrix
+
 F64 = npt.NDArray[np.float64]
 
 DEEP_M = 0.2e-3
@@ -34,15 +36,7 @@ def motion_m(position_m: F64, quaternion: F64, corners_m: F64) -> F64:
     Shapes: position_m (n, 3), quaternion (n, 4) scalar first, corners_m (m, 3) of a box round the tool;
     result (n - 1,).
     """
-    w, x, y, z = quaternion.T
-    rows = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    points = np.einsum("abn,mb->nma", rows, corners_m) + position_m[:, None, :]
+    points = np.einsum("nab,mb->nma", to_matrix(quaternion), corners_m) + position_m[:, None, :]
     return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1))
 
 

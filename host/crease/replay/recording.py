@@ -11,101 +11,28 @@ import numpy.typing as npt
 
 from crease.base.errors import RecordingError
 from crease.base.native import error_text, ffi, lib
+from crease.base.records import record
 from crease.base.scene import Scene
 
 SUFFIX = ".crr"
 MAGIC = b"CRRECORD"
 _ALIGN = 64
 
-_FRAME = np.dtype([("id", "<u2"), ("size", "u1"), ("flags", "u1"), ("data", "u1", 8)])
-_COUNTERS = np.dtype(
-    [
-        ("ticks_rendering", "<u4"),
-        ("ticks_limited", "<u4"),
-        ("limits", "<u4", 8),
-        ("faults", "<u4"),
-        ("missing", "<u4", 3),
-        *(
-            (name, "<u4")
-            for name in (
-                "late",
-                "twice",
-                "malformed",
-                "alien",
-                "babbled",
-                "emcy",
-                "sdo_retries",
-                "overruns",
-                "send_failed",
-                "rx_drops",
-                "wrist_missing",
-            )
-        ),
-    ]
+RECORD = record(
+    "cr_record",
+    opened=("joints", "world_from_tool"),
+    names={
+        "pos_m": "position_m",
+        "rot": "quaternion",
+        "velocity_world_m_s": "velocity_m_s",
+        "contact_force_world_N": "contact_force_N",
+        "contact_torque_world_Nm": "contact_torque_Nm",
+        "force_world_N": "force_N",
+        "area_count": "areas",
+        "zone_count": "zones",
+    },
 )
-RECORD = np.dtype(
-    [
-        ("tick", "<u4"),
-        ("inputs", "<u4"),
-        ("sync_ns", "<u8"),
-        ("now_ns", "<u8"),
-        ("period_s", "<f4"),
-        ("rx_drops", "<u4"),
-        ("rx_babbled", "<u4"),
-        ("frame_count", "<u4"),
-        ("frames", _FRAME, 12),
-        ("mode", "<u4"),
-        ("faults", "<u4"),
-        ("limits", "<u4"),
-        ("counts", "<i4", 3),
-        ("wrist_counts", "<i4", 3),
-        ("status", "<u2", 3),
-        ("target", "<i2", 3),
-        ("actual", "<i2", 3),
-        ("fresh", "<u2"),
-        ("joint", "<f4", 3),
-        ("wrist_rad", "<f4", 3),
-        ("position_m", "<f4", 3),
-        ("quaternion", "<f4", 4),
-        ("velocity_m_s", "<f4", 3),
-        ("contact_force_N", "<f4", 3),
-        ("contact_torque_Nm", "<f4", 3),
-        ("force_N", "<f4", 3),
-        ("torque", "<f4", 3),
-        ("energy_J", "<f4"),
-        ("depth_m", "<f4"),
-        ("margin", "<f4"),
-        ("areas", "<u4"),
-        ("zones", "<u4"),
-        ("counters", _COUNTERS),
-        ("spare", "<u4", 7),
-        ("wake_late_ns", "<u4"),
-        ("tick_ns", "<u4"),
-    ],
-    align=True,
-)
-"""`cr_record` of firmware/servo.h, field by field; joint units are m, rad, rad."""
-
-
-def check_layout() -> bool:
-    """Whether RECORD is laid out as the C struct: asked by the tests."""
-    c = dict(ffi.typeof("cr_record").fields)
-    pairs = {
-        "frames": "frames",
-        "mode": "mode",
-        "target": "target",
-        "joint": "joints",
-        "position_m": "world_from_tool",
-        "force_N": "force_world_N",
-        "torque": "torque",
-        "counters": "counters",
-        "wake_late_ns": "wake_late_ns",
-    }
-    fields = RECORD.fields
-    assert fields is not None
-    return RECORD.itemsize == ffi.sizeof("cr_record") and all(
-        fields[ours][1] == c[theirs].offset for ours, theirs in pairs.items()
-    )
+"""Of firmware/servo.h; joint units are m, rad, rad."""
 
 
 @dataclass(frozen=True)

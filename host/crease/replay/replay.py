@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from crease.base.errors import SceneError
 from crease.base.native import COVERAGES, RESPONSES, error_text, ffi, lib
+from crease.base.records import record
 from crease.base.scene import Scene
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
 from crease.replay.trajectory import Trajectory
@@ -18,29 +19,8 @@ from crease.replay.trajectory import Trajectory
 _ALIGN = 64
 _CHUNK = 8192
 
-ROW = np.dtype(
-    [
-        ("force_N", np.float32, 3),
-        ("torque_Nm", np.float32, 3),
-        ("depth_m", np.float32),
-        ("normal", np.float32, 3),
-        ("display_pos_m", np.float32, 3),
-        ("display_rot", np.float32, 4),
-        ("areas", np.uint32),
-        ("zones", np.uint32),
-        ("contacts", np.uint32),
-        ("nodes", np.uint32),
-        ("points", np.uint32),
-        ("clusters", np.uint32),
-        ("clusters_inside", np.uint32),
-        ("nodes_coherent", np.uint32),
-        ("late_ticks", np.uint32),
-        ("overflow", np.uint32),
-        ("faults", np.uint32),
-        ("tick_ns", np.uint32),
-    ]
-)
-"""`cr_replay_row` of host/native/replay.h, field by field."""
+ROW = record("cr_replay_row")
+"""Of host/native/replay.h."""
 
 ANSWER_COLUMNS = (
     *("t_s", "fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm", "depth_m", "nx", "ny", "nz"),
@@ -178,8 +158,3 @@ def to_columns(path: Trajectory, rows: npt.NDArray[Any]) -> dict[str, npt.NDArra
         *path.rows[:, 1:].T,
     ]
     return dict(zip(COLUMNS, values, strict=True))
-
-
-def check_row_layout() -> bool:
-    """Whether ROW is laid out as the C struct: asked by the tests."""
-    return bool(ROW.itemsize == ffi.sizeof("cr_replay_row"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from crease.base.attitude import to_matrix
 from crease.base.native import skip_mask
 from crease.lab.setup import Result, Table, machine, make_path, text_rows
 from crease.replay.replay import ReplayOptions, run_path
@@ -33,8 +34,7 @@ def motion(height_mm: float) -> F64:
     s = np.linspace(-0.5, 0.5, TICKS)
     turn = np.column_stack([np.ones(TICKS), 0.12 + 0.05 * s, -0.1 + 0.08 * s, 0.2 * s])
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    w, x, y, z = turn.T
-    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    up = to_matrix(turn)[:, 2]
     lowest = -HALF_MM * np.abs(up).sum(axis=1)
     way = STEP_MM * TICKS * s
     # The block fills x < 0, z < 0: the tool stands over its top face, away from the edge.

@@ -8,6 +8,7 @@ import manifold3d
 import numpy as np
 import numpy.typing as npt
 from crease.bake.bake import BakeOptions, bake_scene
+from crease.base.attitude import to_matrix
 from crease.base.scene import Scene, open_image
 from crease.draw.plot import COLOURS, STYLE, new_figure
 from crease.lab.setup import Result, Table, machine, make_path, text_rows
@@ -49,16 +50,14 @@ def _bake(static: Mesh, tool: Mesh, voxel_mm: float, spacing_mm: float) -> tuple
 def corner_poses(static_mm: float, tool_mm: float) -> F64:
     """The tool's lowest corner DEPTH_MM below the top of the static cube, sliding: the same contact for any size."""
     turn = np.array([np.cos(0.3), np.sin(0.3) * 0.8, np.sin(0.3) * 0.6, 0.0])
-    w, x, y, z = turn
-    up = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    rows = to_matrix(turn)
+    up = rows[2]
     lowest = -0.5 * tool_mm * np.abs(up).sum()
     way = np.linspace(-3.0, 3.0, TICKS)
     at = np.column_stack([way, 0.3 * way, np.full(TICKS, 0.5 * static_mm - lowest - DEPTH_MM)])
     # The tool's corner, not its middle, stays over the middle of the face.
     signs = -np.sign(up)
-    rows = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]])  # fmt: skip
-    at[:, :2] -= rows @ (0.5 * tool_mm * signs)
+    at[:, :2] -= rows[:2] @ (0.5 * tool_mm * signs)
     return np.hstack([1e-3 * at, np.tile(turn, (TICKS, 1))])
 
 

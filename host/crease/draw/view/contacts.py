@@ -11,32 +11,13 @@ import numpy.typing as npt
 from crease.bake.layout import CLUSTER, LANES
 from crease.base.errors import SceneError
 from crease.base.native import ffi, lib
+from crease.base.records import record
 from crease.base.scene import Scene
 from crease.replay.replay import ReplayOptions, World
 from crease.replay.trajectory import Trajectory
 
-CHANGE = np.dtype([("sample", np.uint32), ("area", np.uint32), ("patch", np.uint32)])
-ZONE = np.dtype(
-    [
-        ("patch", np.uint32),
-        ("area", np.uint32),
-        ("centre_m", np.float32, 3),
-        ("normal", np.float32, 3),
-        ("area_m2", np.float32),
-        ("share", np.float32),
-    ]
-)
-TICK = np.dtype(
-    [
-        ("changes", np.uint32),
-        ("zones_stored", np.uint32),
-        ("areas", np.uint32),
-        ("zones", np.uint32),
-        ("contacts", np.uint32),
-        ("point_m", np.float32, 3),
-    ]
-)
-"""`crv_change`, `crv_zone` and `crv_tick` of host/native/contacts.h, field by field."""
+CHANGE, ZONE, TICK = record("crv_change"), record("crv_zone"), record("crv_tick")
+"""Of host/native/contacts.h."""
 
 NO_PATCH = int(lib.CRV_PATCH_NONE)
 
@@ -107,9 +88,3 @@ def _renumber(scene: Scene, changes: npt.NDArray[Any]) -> npt.NDArray[Any]:
     used = (np.arange(LANES) < _clusters(scene)["count"][:, None]).reshape(-1)
     changes["sample"] = (np.cumsum(used) - 1)[changes["sample"]]
     return changes
-
-
-def check_layouts() -> bool:
-    """Whether CHANGE, ZONE and TICK are laid out as the C structs: asked by the tests."""
-    types = {"crv_change": CHANGE, "crv_zone": ZONE, "crv_tick": TICK}
-    return all(ffi.sizeof(name) == kind.itemsize for name, kind in types.items())
