@@ -45,17 +45,17 @@ help: ## this list
 
 # ---------------------------------------------------------------------------------------------------- installing
 
-setup: $(VENV)/.stamp build/.browser ## system packages (apt, when allowed) and the Python environment .venv
+setup: $(VENV)/.stamp build/.npm build/.browser ## system packages (apt, when allowed), the Python environment .venv, libraries of the page
 
-# Recipe lines that install packages $(1), or say which are missing.
+# Recipe lines that install packages $(1) with options $(2), or say which are missing.
 define APT_INSTALL
 	@mkdir -p build
 	@command -v dpkg-query >/dev/null || { echo "not a Debian system: this needs $(1)"; touch $@; exit 0; }
 	@missing=$$(for p in $(1); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
 	missing=$$(echo $$missing); \
 	if [ -z "$$missing" ]; then :; \
-	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
-	elif sudo -n true 2>/dev/null; then sudo apt-get update -qq && sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
+	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2) $$missing >build/apt.log; \
+	elif sudo -n true 2>/dev/null; then sudo apt-get update -qq && sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2) $$missing >build/apt.log; \
 	else echo "error: system packages are missing, install them with: sudo apt-get install $$missing"; exit 1; fi
 	@test -e $@ || touch $@
 endef
@@ -76,6 +76,17 @@ $(VENV)/.stamp: host/pyproject.toml | build/.apt
 	test -x $(PY) || "$(PYTHON)" -m venv $(VENV); \
 	$(PY) -m pip install --quiet --disable-pip-version-check -r build/requirements.txt; touch $@
 
+# three.js and uPlot for the page of `crease view`, as host/package-lock.json has them.
+PAGE_LOCK := host/package.json host/package-lock.json host/.npmrc
+
+build/.apt-npm: FORCE
+	$(call APT_INSTALL,$(if $(shell command -v npm),,nodejs npm),--no-install-recommends)
+
+build/.npm: $(PAGE_LOCK) | build/.apt-npm
+	@echo "libraries of the page: build/npm"
+	@mkdir -p build/npm; cp $^ build/npm; cd build/npm; npm ci --silent --ignore-scripts >../npm.log 2>&1 || { cat ../npm.log; exit 1; }
+	@touch $@
+
 # ------------------------------------------------------------------------------------------------------ building
 
 build: build/.host ## the C extension and the `crease` command, in .venv
@@ -84,7 +95,7 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h host/native/*.h) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"

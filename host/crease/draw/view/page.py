@@ -249,6 +249,7 @@ def _fill(title: str, header: dict[str, object], data: str) -> str:
         "STYLE": scripts.uplot_css + (FOLDER / "page.css").read_text(encoding="utf-8"),
         "THREE": scripts.three,
         "UPLOT": scripts.uplot,
+        "NOTICE": html.escape(scripts.notice),
         "OURS": ours,
         "HEADER": json.dumps(header, allow_nan=False).replace("<", "\\u003c"),
         "DATA": data,

@@ -1,53 +1,49 @@
-"""three.js and uPlot, out of the Python packages that carry them. README.md of this folder says why from there."""
+"""three.js and uPlot, out of their own npm packages, which `make setup` lays down; README.md says why so."""
 
 from __future__ import annotations
 
-import importlib.util
-import io
-import zipfile
+import json
+import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 
 from crease.base.errors import CreaseError
 
-THREE_START = "/**\n * @license\n * Copyright 2010-"
-THREE_END = "\n(function(){"
-"""In the page that trimesh carries, three.js is followed by its add-ons, which we leave."""
+FOLDER = Path(sysconfig.get_path("data")) / "share/crease/page"
+"""Where the installed package keeps what host/package-lock.json names."""
 
 
 @dataclass(frozen=True)
 class Scripts:
-    """Source texts of the libraries of the page."""
+    """Source texts of the libraries of the page; notice: their names, releases and licences, one line."""
 
     three: str
     uplot: str
     uplot_css: str
+    notice: str
 
 
-def _folder(package: str) -> Path:
-    """Where a package lies, without running it."""
-    spec = importlib.util.find_spec(package)
-    if spec is None or not spec.submodule_search_locations:
-        raise CreaseError(
-            f"the Python package {package} is missing: install it with pip install {package}"
-        )
-    return Path(next(iter(spec.submodule_search_locations)))
+def _notice(folder: Path) -> str:
+    about = json.loads((folder / "package.json").read_text(encoding="utf-8"))
+    owner = next(
+        line.strip()
+        for line in (folder / "LICENSE").read_text(encoding="utf-8").splitlines()
+        if "copyright" in line.lower()
+    )
+    return f"{about['name']} {about['version']} ({about['license']}, {owner})"
 
 
 def load_scripts() -> Scripts:
-    """The libraries.   Errors: CreaseError when a package is missing or does not carry them any more."""
-    viewer = _folder("trimesh") / "resources" / "templates" / "viewer.zip"
-    uplot = _folder("youplot") / "vendor"
+    """The libraries.   Errors: CreaseError when they are not installed."""
+    three, uplot = FOLDER / "three", FOLDER / "uplot"
     try:
-        with zipfile.ZipFile(io.BytesIO(viewer.read_bytes())) as archive:
-            page = archive.read("viewer.html.template").decode("utf-8")
-        start = page.index(THREE_START)
         return Scripts(
-            three=page[start : page.index(THREE_END, start)],
-            uplot=(uplot / "uplot.iife.min.js").read_text(encoding="utf-8"),
-            uplot_css=(uplot / "uplot.min.css").read_text(encoding="utf-8"),
+            three=(three / "three.min.js").read_text(encoding="utf-8"),
+            uplot=(uplot / "uPlot.iife.min.js").read_text(encoding="utf-8"),
+            uplot_css=(uplot / "uPlot.min.css").read_text(encoding="utf-8"),
+            notice="; ".join(_notice(folder) for folder in (three, uplot)),
         )
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, StopIteration) as error:
         raise CreaseError(
-            f"three.js and uPlot are not where trimesh 5.2 and youplot 1.0 have them ({error}); install these versions"
+            f"{FOLDER}: three.js and uPlot are not there; run `make setup build` with npm installed"
         ) from error
