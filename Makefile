@@ -13,8 +13,11 @@ VENV := .venv
 PY := $(VENV)/bin/python
 CREASE := $(VENV)/bin/crease
 
-APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev pkg-config \
-       clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
+# What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
+APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
+APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
+PIP_USER := meshes
+PIP_DEVELOP := test fuzz dask lint
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -45,7 +48,9 @@ help: ## this list
 
 # ---------------------------------------------------------------------------------------------------- installing
 
-setup: $(VENV)/.stamp build/.npm build/.browser ## system packages (apt, when allowed), the Python environment .venv, libraries of the page
+setup: $(VENV)/.stamp build/.npm ## what users need: system packages (apt, when allowed), the environment .venv, libraries of the page
+
+setup-develop: setup $(VENV)/.develop build/.browser ## the same, and what tests, lints, fuzzers and benchmarks need
 
 # Recipe lines that install packages $(1) with options $(2), or say which are missing.
 define APT_INSTALL
@@ -64,6 +69,9 @@ endef
 build/.apt: FORCE
 	$(call APT_INSTALL,$(APT))
 
+build/.apt-develop: FORCE | build/.apt
+	$(call APT_INSTALL,$(APT_DEVELOP))
+
 build/.browser: FORCE | build/.apt
 	$(call APT_INSTALL,$(if $(strip $(foreach b,$(BROWSERS),$(shell command -v $b))),,$(APT_BROWSER)))
 
@@ -71,10 +79,17 @@ $(VENV)/.stamp: host/pyproject.toml | build/.apt
 	@echo "python environment: $(VENV)"
 	@mkdir -p build
 	@exec 9>build/.lock; flock 9; \
-	"$(PYTHON)" -c 'import tomllib; p = tomllib.load(open("host/pyproject.toml", "rb")); r = p["build-system"]["requires"] + p["project"]["dependencies"]; \
-	[r.extend(g) for g in p["project"]["optional-dependencies"].values()]; print("\n".join(r))' >build/requirements.txt; \
 	test -x $(PY) || "$(PYTHON)" -m venv $(VENV); \
-	$(PY) -m pip install --quiet --disable-pip-version-check -r build/requirements.txt; touch $@
+	$(call PIP_INSTALL,["build-system"]["requires"] + p["project"]["dependencies"],$(PIP_USER)); touch $@
+
+$(VENV)/.develop: $(VENV)/.stamp host/pyproject.toml | build/.apt-develop
+	@echo "python environment: $(VENV), with what tests need"
+	@exec 9>build/.lock; flock 9; $(call PIP_INSTALL,["build-system"]["requires"],$(PIP_DEVELOP)); touch $@
+
+# Shell words that install lists of host/pyproject.toml: $(1) and the optional groups $(2).
+PIP_INSTALL = "$(PYTHON)" -c 'import tomllib; p = tomllib.load(open("host/pyproject.toml", "rb")); r = list(p$(1)); \
+	[r.extend(p["project"]["optional-dependencies"][g]) for g in "$(2)".split()]; print("\n".join(r))' >build/requirements.txt; \
+	$(PY) -m pip install --quiet --disable-pip-version-check -r build/requirements.txt
 
 # three.js and uPlot for the page of `crease view`, as host/package-lock.json has them.
 PAGE_LOCK := host/package.json host/package-lock.json host/.npmrc
@@ -102,6 +117,10 @@ build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_
 	@exec 9>build/.lock; flock 9; \
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable host >build/host.log 2>&1 \
 	    || { cat build/host.log; exit 1; }
+	@touch $@
+
+# The host with everything that its tests, lints and fuzzers use.
+build/.develop: build/.host $(VENV)/.develop
 	@touch $@
 
 meshes: build/meshes/.stamp ## the paper's objects and their trajectories, in build/meshes
@@ -168,7 +187,11 @@ build/$(1)/rivals/%.o: %.c build/$(1)/.flags
 	@echo "$(1), rivals: $$<"
 	@$(CC_$(1)) $(C_STD) $(WITH_RIVALS) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
 
-build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o)
+	@rm -f $$@
+	@ar rcs $$@ $$^
+
+build/$(1)/libhelpers.a: $(TEST_HELPERS:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
@@ -183,27 +206,29 @@ build/$(1)/libsim.a: $(SIM_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
-build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
+build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libhelpers.a build/$(1)/libcrease.a build/$(1)/libsim.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
 
-build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
+build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libhelpers.a build/$(1)/libcrease.a build/$(1)/libsim.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
 
 build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcrease.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lm -lpthread -o $$@
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
+$(patsubst %.c,build/$(1)/%.o,$(TEST_C) $(TEST_HELPERS) $(FUZZ_C)) build/$(1)/rivals/tests/unit/test_rivals.o: | build/.apt-develop
 endef
 $(foreach variant,gcc clang san cov fuzz,$(eval $(call VARIANT,$(variant))))
+build/clang/.flags build/fuzz/.flags: | build/.apt-develop
 include firmware/port/cortex-m7/device.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
 
-check: build/.host build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
+check: build/.develop build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.host build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+test: build/.develop build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
@@ -212,10 +237,10 @@ sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizer
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= 60
 
-fuzz: build/.host $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
 	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
 
-build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libcrease.a build/fuzz/libsim.a
+build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libhelpers.a build/fuzz/libcrease.a build/fuzz/libsim.a
 	@$(CC_fuzz) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_fuzz)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
 # 2.8 hours of rendering, in 4 minutes.
@@ -224,7 +249,7 @@ SOAK_TICKS ?= 10000000
 soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual time, or SOAK_TICKS=
 	CREASE_SOAK_TICKS=$(SOAK_TICKS) build/gcc/tests/test_soak
 
-coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
+coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
 	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
 
@@ -275,10 +300,10 @@ bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/be
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress
 
-bench-loop: build/.host build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
+bench-loop: build/.develop build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
 	$(PY) tests/bench/loop.py --figure build/loop/edge.png
 
-bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
+bench-faults: build/.develop build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
 	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv
 
 # creased with a UNIX socket for its bus: everything but can.c.
@@ -290,7 +315,7 @@ build/gcc/latency_drives: build/gcc/tests/bench/latency_drives.o build/gcc/libsi
 
 LATENCY = $(PY) tests/bench/latency.py build/scenes/wall_cube.crs
 
-bench-latency: build/.host build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
+bench-latency: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
 	$(LATENCY) --where 'native kernel without CAN' --figure build/bench/latency-unix.png
 	if [ -e /sys/class/net/vcan0 ]; then $(LATENCY) --transport vcan --where native --figure build/bench/latency-vcan.png; \
 	else tests/hil/lab/vcan-run $(LATENCY) --transport vcan --where 'User-Mode Linux' --figure build/bench/latency-vcan.png; fi
@@ -303,20 +328,20 @@ HIL_SECONDS ?= 5
 HIL_TESTS := tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/hil/test_*.py)
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
 
-hil-minute: build/.host build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
+hil-minute: build/.develop build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
 	$(PY) tests/hil/repeat.py --seconds 60
 
 hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside the checkout)
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: this kernel has vcan0"; else tests/hil/lab/build-kernel; fi
 
-hil: build/.host build/gcc/creased hil-kernel ## tests on a real vcan: native, or in User-Mode Linux with virtual time
+hil: build/.develop build/gcc/creased hil-kernel ## tests on a real vcan: native, or in User-Mode Linux with virtual time
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: vcan0 of this kernel"; $(call HIL_PYTEST,); \
 	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,CREASE_VIRTUAL_TIME=1 tests/hil/lab/vcan-run -V); \
 	    $(PY) tests/hil/repeat.py --seconds $(HIL_SECONDS); fi
 
 # ---------------------------------------------------------------------------------------------------------- lint
 
-lint: build/.host ## format, static analysis and types: C and Python
+lint: build/.develop ## format, static analysis and types: C and Python
 	@$(MAKE) --no-print-directory --keep-going $(LINTS)
 
 LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-rooms lint-ruff lint-mypy
@@ -376,7 +401,7 @@ lint-mypy:
 	$(PY) -m mypy --config-file host/pyproject.toml host/crease
 	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard meshes tests)
 
-format: $(VENV)/.stamp ## rewrite C and Python in the house format
+format: $(VENV)/.develop ## rewrite C and Python in the house format
 	clang-format -i $(C_ALL)
 	$(PY) -m ruff check --fix --quiet --config host/pyproject.toml $(PY_LINT) || true
 	$(PY) -m ruff format --config host/pyproject.toml $(PY_LINT)
@@ -385,5 +410,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov
