@@ -183,6 +183,8 @@ void cr_bus_reset(cr_bus *bus) {
     bus->trouble_axis = CR_AXES;
 }
 
+void cr_bus_refuse(cr_bus *bus) { bus->refused |= bus->phase == CR_PHASE_LISTEN ? 1u : 0u; }
+
 static int is_axis(uint32_t id, uint32_t base) { return id >= base + NODE_FIRST && id < base + NODE_FIRST + CR_AXES; }
 
 /* What only the host sends: heard from outside, it means a second host. */
@@ -298,6 +300,7 @@ void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_serv
     if (is_ours(id)) {
         counters->alien++;
         bus->faults |= CR_FAULT_ALIEN;
+        cr_bus_refuse(bus);
         return;
     }
     if (is_axis(id, ID_STATE)) {
@@ -443,7 +446,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
     }
     switch (bus->phase) {
     case CR_PHASE_LISTEN:
-        if (now_ns - bus->start_ns >= config->listen_ms * MS_NS) {
+        if (!bus->refused && now_ns - bus->start_ns >= config->listen_ms * MS_NS) {
             bus->phase = CR_PHASE_RESET;
             bus->reset_due = 1u;
             bus->beat_ns = now_ns - config->heartbeat_ms * MS_NS; /* the first one at once */

@@ -255,6 +255,7 @@ static void fail(cr_servo *s, uint32_t faults) {
     s->faults = s->first_fault = faults;
     s->counters.faults++;
     cr_control_reset(&s->control);
+    cr_bus_refuse(&s->bus);
 }
 
 static void step_mode(cr_servo *s, uint32_t inputs, uint32_t faults) {

@@ -135,6 +135,7 @@ typedef struct {
     cr_wrist wrist;
     uint64_t start_ns, reset_ns, sdo_ns, enable_ns, beat_ns, control_ns;
     uint32_t has_start;
+    uint32_t refused; /* 1: a fault came before the first word; silent until cr_bus_reset */
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;
     uint32_t reset_due, start_due;
     uint32_t faults; /* found by receive and check, taken by the caller */
@@ -144,6 +145,10 @@ typedef struct {
 
 /* Purpose  to the beginning: listening, all drives unknown. */
 void cr_bus_reset(cr_bus *bus);
+
+/* Purpose  the servo is in fault: a bus on which nothing has been sent stays silent, since another host may run it. Otherwise
+ *          nothing: drives that have been set up need SYNC, zero torques and heartbeats. */
+void cr_bus_refuse(cr_bus *bus);
 
 /* Purpose  a period begins: the SYNC frame, unless listening. */
 void cr_bus_sync(cr_bus *bus, cr_tx *tx);

@@ -214,6 +214,29 @@ static void host_listens_before_it_speaks(void **state) {
     assert_true(sync.count == 1u && sync.frames[0].id == 0x080 && sync.frames[0].size == 0u);
 }
 
+static void host_that_hears_another_while_listening_stays_silent(void **state) {
+    (void)state;
+    rig r = make_rig();
+    uint32_t frames = 0u;
+    for (uint32_t ms = 0; ms < 700u; ms++) {
+        if (ms == 5u) {
+            receive(&r, 0x080, 0u, (const uint8_t *)"");
+        }
+        cr_tx sync = {0};
+        cr_bus_sync(&r.bus, &sync);
+        period(&r);
+        frames += r.tx.count + sync.count;
+    }
+    assert_int_equal(r.faults, CR_FAULT_ALIEN);
+    assert_int_equal(frames, 0);
+    cr_bus_reset(&r.bus); /* a clear: it listens again, and this time nobody speaks */
+    r.off = 0;
+    for (uint32_t ms = 0; ms <= r.config.listen_ms; ms++) {
+        period(&r);
+    }
+    assert_true(IS_SENT(&r, 0x000, 0x82, 0x00));
+}
+
 static void reset_is_repeated_while_a_drive_is_missing(void **state) {
     (void)state;
     rig r = make_rig();
@@ -639,6 +662,7 @@ int main(void) {
         cmocka_unit_test(wrist_is_bridged_and_then_a_fault),
         cmocka_unit_test(per_mille_rounds_and_saturates),
         cmocka_unit_test(host_listens_before_it_speaks),
+        cmocka_unit_test(host_that_hears_another_while_listening_stays_silent),
         cmocka_unit_test(reset_is_repeated_while_a_drive_is_missing),
         cmocka_unit_test(heartbeat_of_before_the_reset_does_not_count),
         cmocka_unit_test(set_up_writes_what_the_frame_table_says),
