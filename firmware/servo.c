@@ -156,11 +156,13 @@ static uint32_t read_axis(cr_servo *s, int a) {
     if (drive->state_count == 0u) {
         s->stale = 1u;
         s->missed[a]++;
+        s->gap[a] = 0u;
         return 0u;
     }
     /* Through bridged periods the joint may have moved on. */
     float moved = counts_between(drive->counts, s->counts[a]) * abs_f(axis->step);
     float most = axis->jump_max * (float)(1u + s->missed[a]);
+    s->gap[a] = 1u + s->missed[a];
     s->missed[a] = 0u;
     s->counts[a] = drive->counts;
     s->joints.joint[a] = axis->offset + axis->step * (float)drive->counts;
@@ -224,7 +226,8 @@ static int is_resting(cr_servo *s) {
 /* Pose to wrench. */
 static uint32_t touch(cr_servo *s, float period_s) {
     cr_output *out = &s->output;
-    cr_tick(s->world, &s->kinematics.world_from_tool, period_s, out);
+    cr_tick(s->world, &s->kinematics.world_from_tool, min_f(1.0f, period_s * (float)(1u + s->untouched)), out);
+    s->untouched = 0u;
     return out->faults == 0u ? 0u : (uint32_t)CR_FAULT_NOT_FINITE;
 }
 
@@ -247,6 +250,7 @@ static void restart(cr_servo *s) {
     s->faults = s->first_fault = 0u;
     s->has_counts = s->has_wrist = s->rest_ticks = 0u;
     memset(s->missed, 0, sizeof s->missed);
+    s->untouched = 0u;
     s->mode = CR_MODE_INIT;
 }
 
@@ -286,12 +290,12 @@ static void count_limits(cr_servo *s, uint32_t limits) {
 
 /* Wrench to joint torques. */
 static void render(cr_servo *s, float period_s, cr_control_output *out) {
+    cr_control_input in = {&s->kinematics, s->output.force_world_N, {0}, {0}, period_s};
+    memcpy(in.joint, s->joints.joint, sizeof in.joint);
+    cr_control_speeds(&s->config, &s->control, s->counts, s->gap, period_s, in.speed);
     if (s->stale) {
         cr_control_bridge(&s->control, out);
     } else {
-        cr_control_input in = {&s->kinematics, s->output.force_world_N, {0}, {0}, period_s};
-        memcpy(in.joint, s->joints.joint, sizeof in.joint);
-        cr_control_speeds(&s->config, &s->control, s->counts, period_s, in.speed);
         cr_control_step(&s->config, &s->control, &in, out);
     }
     if (!out->finite) {
@@ -362,6 +366,8 @@ static uint32_t sense_and_touch(cr_servo *s, uint32_t faults, float period_s) {
     faults |= sense(s);
     if (faults == 0u && !s->stale && s->has_counts && s->has_wrist) {
         faults |= touch(s, period_s);
+    } else {
+        s->untouched++;
     }
     return faults;
 }

@@ -26,8 +26,9 @@ typedef struct {
 } cr_velocity;
 
 void cr_velocity_reset(cr_velocity *velocity);
-/* Output  counts per period; finite. */
-float cr_velocity_step(cr_velocity *velocity, int32_t counts, uint32_t window);
+/* Purpose  one sample, `periods` after the last: 1 as a rule, more after lost states. Samples in between are put on a straight line.
+ * Output   counts per period; finite.   Errors  none: a gap of more than CR_WINDOW_MAX starts anew. */
+float cr_velocity_step(cr_velocity *velocity, int32_t counts, uint32_t periods, uint32_t window);
 
 /* ---------------------------------------------------------------------------------------------------- control */
 
@@ -39,11 +40,13 @@ typedef struct {
     cr_velocity velocity[CR_AXES];
     cr_vec3 tip_before_m;
     cr_vec3 applied_N[CR_FORCE_DELAY]; /* [0] of the last tick */
+    cr_vec3 bridged_N;                 /* sum of the forces that acted in the periods since the last sample */
     cr_vec3 force_N;                   /* of the last tick, after the limits: where the rate limit starts */
     float torque[CR_AXES];
     float energy_J;
     float ramp; /* 0..1 */
     uint32_t has_before;
+    uint32_t bridged;    /* periods since the last sample */
     uint32_t free_ticks; /* since the last contact force */
 } cr_control;
 
@@ -67,9 +70,10 @@ typedef struct {
 /* Purpose  forget motion, energy and force: the next tick starts from nothing. */
 void cr_control_reset(cr_control *control);
 
-/* Purpose  speeds of the joints, from counts; to be called in every tick with a sample. */
+/* Purpose  speeds of the joints, from counts; to be called in every tick.
+ * Shapes   periods[a]: since the last sample of axis a; 0: none came, its speed is 0 and nothing is kept. */
 void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
-                       float period_s, float speed[CR_AXES]);
+                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]);
 
 /* Purpose  one tick of rendering: damping, passivity, limits, compensation, joint torques.
  * Errors   none: out->limits.   Cost  about 0.2 us.   Source  DESIGN.md "Control". */
@@ -199,6 +203,8 @@ struct cr_servo {
     uint32_t has_counts, has_wrist, rest_ticks, stale;
     cr_still still[CR_AXES];
     uint32_t missed[CR_AXES]; /* periods since the last sample */
+    uint32_t gap[CR_AXES];    /* periods from the sample before to this tick's; 0: this tick has none */
+    uint32_t untouched;       /* periods since the world was last asked */
     cr_output output;
 };
 
