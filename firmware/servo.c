@@ -42,7 +42,7 @@ cr_err cr_servo_init(cr_servo **servo, void *memory, size_t size_bytes, const cr
     /* Cannot fail: cr_servo_size asked for all that it checks. */
     (void)cr_world_init(&s->world, (uint8_t *)memory + own, size_bytes - own, scene, &config->world);
     s->config = *config;
-    cr_bus_reset(&s->bus);
+    cr_bus_reset(&s->bus, s->config.axis);
     cr_control_reset(&s->control);
     *servo = s;
     return CR_OK;
@@ -108,7 +108,7 @@ static uint32_t take_inputs(cr_servo *s, uint32_t inputs) {
 
 static uint32_t take_frames(cr_servo *s, uint64_t now_ns) {
     for (uint32_t i = 0; i < s->frame_count; i++) {
-        cr_bus_receive(&s->bus, &s->frames[i], now_ns, &s->counters);
+        cr_bus_receive(&s->config.bus, &s->bus, &s->frames[i], now_ns, &s->counters);
     }
     cr_bus_check(&s->config.bus, &s->bus, now_ns, &s->counters);
     uint32_t faults = s->bus.faults;
@@ -244,7 +244,7 @@ static uint32_t find_events(cr_servo *s, uint32_t inputs, uint32_t faults) {
 
 /* Everything from the start, drives included: what made a fault may have reset them. */
 static void restart(cr_servo *s) {
-    cr_bus_reset(&s->bus);
+    cr_bus_reset(&s->bus, s->config.axis);
     cr_control_reset(&s->control);
     cr_world_clear_fault(s->world);
     s->faults = s->first_fault = 0u;
@@ -351,6 +351,11 @@ static void record_outputs(cr_servo *s, const cr_control_output *out, const int1
     r->area_count = s->output.area_count;
     r->zone_count = s->output.zone_count;
     r->counters = s->counters;
+    r->trouble_axis = s->bus.trouble_axis;
+    r->sdo_object = s->bus.sdo_object;
+    r->sdo_found = s->bus.sdo_found;
+    r->sdo_wanted = s->bus.sdo_wanted;
+    r->sdo_abort = s->bus.sdo_abort;
 }
 
 /* --------------------------------------------------------------------------------------------------------- tick */
@@ -449,8 +454,8 @@ const char *cr_limit_text(uint32_t bit) {
 
 const char *cr_servo_fault_text(uint32_t bit) {
     static const char *const names[CR_FAULT_COUNT] = {
-        "silent",     "heartbeat", "reset",     "drive", "drive-state", "emcy",    "jump", "range",
-        "not-finite", "overrun",   "bad-state", "alien", "babble",      "bus-off", "sdo",  "stuck"};
+        "silent",  "heartbeat", "reset", "drive",  "drive-state", "emcy", "jump",  "range",   "not-finite",
+        "overrun", "bad-state", "alien", "babble", "bus-off",     "sdo",  "stuck", "mismatch"};
     return bit_text(bit, names, CR_FAULT_COUNT);
 }
 

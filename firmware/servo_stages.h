@@ -141,14 +141,17 @@ typedef struct {
     uint32_t has_start;
     uint32_t refused; /* 1: a fault came before the first word; silent until cr_bus_reset */
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;
+    uint32_t sdo_reading;                       /* 1: the step was written and is being read back */
+    uint32_t sdo_object, sdo_found, sdo_wanted; /* of the last trouble: index << 8 | sub */
+    uint32_t rated[CR_AXES], limit[CR_AXES];    /* what 0x6076 and 0x6072 have to say */
     uint32_t reset_due, start_due;
     uint32_t faults; /* found by receive and check, taken by the caller */
     uint32_t sdo_abort, trouble_axis;
     uint16_t emcy_code;
 } cr_bus;
 
-/* Purpose  to the beginning: listening, all drives unknown. */
-void cr_bus_reset(cr_bus *bus);
+/* Purpose  to the beginning: listening, all drives unknown. `axis`: what the drives must be rated for. */
+void cr_bus_reset(cr_bus *bus, const cr_axis_config axis[CR_AXES]);
 
 /* Purpose  the servo is in fault: a bus on which nothing has been sent stays silent, since another host may run it. Otherwise
  *          nothing: drives that have been set up need SYNC, zero torques and heartbeats. */
@@ -161,7 +164,8 @@ void cr_bus_sync(cr_bus *bus, cr_tx *tx);
 int cr_bus_is_of_interest(uint16_t id);
 
 /* Purpose  one received frame.   Errors  faults go to bus->faults, oddities to counters. */
-void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_servo_counters *counters);
+void cr_bus_receive(const cr_bus_config *config, cr_bus *bus, const cr_frame *frame, uint64_t now_ns,
+                    cr_servo_counters *counters);
 
 /* Purpose  what the period's frames, or their absence, mean: silent, unhealthy or doubled drives; steps the phases. */
 void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_servo_counters *counters);

@@ -78,7 +78,12 @@ RECORD = np.dtype(
         ("areas", "<u4"),
         ("zones", "<u4"),
         ("counters", _COUNTERS),
-        ("spare", "<u4", 7),
+        ("trouble_axis", "<u4"),
+        ("sdo_object", "<u4"),
+        ("sdo_found", "<u4"),
+        ("sdo_wanted", "<u4"),
+        ("sdo_abort", "<u4"),
+        ("spare", "<u4", 2),
         ("wake_late_ns", "<u4"),
         ("tick_ns", "<u4"),
     ],
@@ -99,6 +104,8 @@ def check_layout() -> bool:
         "force_N": "force_world_N",
         "torque": "torque",
         "counters": "counters",
+        "trouble_axis": "trouble_axis",
+        "sdo_abort": "sdo_abort",
         "wake_late_ns": "wake_late_ns",
     }
     fields = RECORD.fields

@@ -90,8 +90,8 @@ static void speed_after_lost_states_is_the_one_it_has(void **state) {
     for (int k = 0; k < 120; k++) {
         const int lost = k == 60 || k == 61, own = k == 90 || k == 91;
         rig.drives[0].counts += 2;
-        rig.drives[2].operational = lost ? 0 : 1;
-        rig.drives[0].operational = own ? 0 : 1;
+        rig.drives[2].mute = lost;
+        rig.drives[0].mute = own;
         crt_servo_period(&rig, MS);
         const cr_record *r = cr_servo_get_record(rig.servo);
         assert_true(cr_mode_is_rendering(mode()));
@@ -111,7 +111,7 @@ static void damping_of_the_world_after_lost_states_is_that_of_the_speed(void **s
         assert_true(crt_servo_start(&rig, &config) && crt_servo_bring_up(&rig, MS, 3000u));
         for (int k = 0; k < 30; k++) {
             rig.drives[1].counts -= 1; /* down into the block: 40 um a period across the link */
-            rig.drives[2].operational = lost && (k == 27 || k == 28) ? 0 : 1;
+            rig.drives[2].mute = lost && (k == 27 || k == 28);
             crt_servo_period(&rig, MS);
         }
         force_N[lost] = v3_norm(cr_servo_get_record(rig.servo)->contact_force_world_N);
