@@ -103,7 +103,7 @@ device_config device_default(void) {
     d.servo = cr_servo_config_default();
     memcpy(d.interface, "can0", sizeof "can0");
     d.bitrate = 1000000u;
-    d.deadline_us = 600u;
+    d.deadline_us = 700u;
     d.priority = 80u;
     return d;
 }
