@@ -83,6 +83,8 @@ typedef struct {
     uint32_t
         torque_timeout_ms; /* a drive without torque frames goes to zero torque after this (0x1401:5); 0: does not */
     uint32_t stuck_ticks;  /* how long a joint has to rest, then to be pushed in vain, before its encoder is stuck */
+    uint32_t vendor_id, product_code,
+        revision; /* 0x1018:1..3 that every drive must have; of the revision the major half */
 } cr_bus_config;
 
 typedef struct {
@@ -207,9 +209,10 @@ enum {
     CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period, or more than a drive has reason for */
     CR_FAULT_BUS_OFF = 8192u,   /* the bus cannot be reached */
     CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
-    CR_FAULT_STUCK = 32768u /* an encoder did not move, to the bit, while the torque on it and the other joints did */
+    CR_FAULT_STUCK = 32768u, /* an encoder did not move, to the bit, while the torque on it and the other joints did */
+    CR_FAULT_MISMATCH = 65536u /* a drive is of another make, rating or limit, or did not keep what was written */
 };
-#define CR_FAULT_COUNT 16
+#define CR_FAULT_COUNT 17
 
 /* Purpose  lower-case name of a mode, of one limit bit, of one fault bit.   Output  static text, never null. */
 const char *cr_mode_text(uint32_t mode);
@@ -266,7 +269,11 @@ typedef struct {
     float depth_m, margin;
     uint32_t area_count, zone_count;
     cr_servo_counters counters;
-    uint32_t spare[7]; /* 0 */
+    uint32_t trouble_axis;          /* drive of the last SDO, EMCY or drive fault; CR_AXES: none */
+    uint32_t sdo_object;            /* index << 8 | sub that the last fault sdo or mismatch is about */
+    uint32_t sdo_found, sdo_wanted; /* with CR_FAULT_MISMATCH */
+    uint32_t sdo_abort;             /* with CR_FAULT_SDO: CiA 301 abort code, 0xffffffff for no answer */
+    uint32_t spare[2];              /* 0 */
     /* of the port, not of the servo: not compared by a re-run */
     uint32_t wake_late_ns; /* start of the period after its time */
     uint32_t tick_ns;      /* cost of the tick */
@@ -279,7 +286,7 @@ typedef struct {
     uint32_t version, record_bytes, config_bytes, records_at;
     uint32_t scene_crc32, scene_bytes;
 } cr_record_head;
-#define CR_RECORD_VERSION 3u
+#define CR_RECORD_VERSION 4u
 #define CR_RECORDS_AT 1024u
 
 /* Purpose  first bytes of a recording file.   Shapes  out[CR_RECORDS_AT], all written. */

@@ -510,9 +510,13 @@ static int receive_rpdo(cr_node *node, const cr_sim_frame *frame, uint64_t now_u
     return ours;
 }
 
-static int receive_heartbeat(cr_node *node, const cr_sim_frame *frame, uint64_t now_us) {
+int cr_node_watches(const cr_node *node, uint32_t id) {
     const uint32_t watched = cr_node_get(node, 0x1016, 1) >> 16 & 0x7Fu;
-    if (watched == 0u || frame->id != 0x700u + watched || frame->len != 1u) {
+    return watched != 0u && id == 0x700u + watched;
+}
+
+static int receive_heartbeat(cr_node *node, const cr_sim_frame *frame, uint64_t now_us) {
+    if (!cr_node_watches(node, frame->id) || frame->len != 1u) {
         return 0;
     }
     node->host_watched = 1;

@@ -68,6 +68,9 @@ void cr_node_set(cr_node *node, uint16_t index, uint8_t sub, uint32_t value);
 /* Purpose  one frame from the bus, SYNC excepted.   Output  1 when the frame was for this node. */
 int cr_node_receive(cr_node *node, const cr_sim_frame *frame, uint64_t now_us);
 
+/* Output  1 when this is the heartbeat that 0x1016 tells the node to watch, of whichever node. */
+int cr_node_watches(const cr_node *node, uint32_t id);
+
 /* Purpose  SYNC: send the synchronous TPDOs with the values that stand now, then let the RPDOs that waited act. */
 void cr_node_sync(cr_node *node, uint64_t now_us);
 

@@ -29,6 +29,7 @@ struct cr_sim {
     double period_s, step_s;
     uint32_t wall_clock, tick, bus_off; /* bit i: axis i is off the bus */
     int64_t bits_left;                  /* of this period, while a drive babbles */
+    uint64_t now_us;                    /* of the last call */
     uint64_t start_us, substeps;        /* mechanism time in wall-clock mode */
     int32_t jump[CR_SIM_AXES], stuck[CR_SIM_AXES];
     double *path; /* [path_count][6], null: none */
@@ -114,7 +115,7 @@ cr_sim *cr_sim_create(const cr_sim_params *params, uint32_t wall_clock, uint64_t
     sim->period_s = params->period_s;
     sim->step_s = params->period_s / params->substeps;
     sim->wall_clock = wall_clock;
-    sim->start_us = now_us;
+    sim->start_us = sim->now_us = now_us;
     for (uint32_t i = 0; i < CR_SIM_AXES; i++) {
         cr_drive_init(&sim->drives[i], (uint8_t)i, now_us);
         collect(sim, i);
@@ -241,12 +242,12 @@ static void hand_over(cr_sim *sim, const parcel *item, uint64_t now_us) {
 }
 
 static int known(const cr_sim *sim, uint32_t id) {
-    if (id == 0u || id == 0x80u || id == 0x700u + CR_OD_HOST_NODE) {
+    if (id == 0u || id == 0x80u) {
         return 1;
     }
     for (uint32_t i = 0; i < CR_SIM_AXES; i++) {
         const cr_node *node = &sim->drives[i].node;
-        if (id == 0x600u + node->node) {
+        if (id == 0x600u + node->node || cr_node_watches(node, id)) {
             return 1;
         }
         for (uint16_t pdo = 0; pdo < CR_PDOS; pdo++) {
@@ -264,6 +265,7 @@ void cr_sim_receive(cr_sim *sim, const cr_sim_frame *frame, uint64_t now_us) {
         sim->counters.frames_ignored++;
         return;
     }
+    sim->now_us = now_us;
     move_to(sim, now_us);
     sim->counters.frames_in++;
     sim->bits_left -= cr_frame_bits(frame->len);
@@ -294,6 +296,7 @@ void cr_sim_receive(cr_sim *sim, const cr_sim_frame *frame, uint64_t now_us) {
 }
 
 void cr_sim_poll(cr_sim *sim, uint64_t now_us) {
+    sim->now_us = now_us;
     move_to(sim, now_us);
     int16_t before[CR_SIM_AXES];
     int changed = 0;
@@ -327,6 +330,15 @@ static int next_out(const cr_sim *sim) {
     return best;
 }
 
+/* Heartbeats of one drive are heard by those that watch it. Of each other's frames the drives need no more. */
+static void tell_drives(cr_sim *sim, const parcel *item) {
+    for (uint32_t i = 0; i < CR_SIM_AXES; i++) {
+        if (i != item->axis && cr_node_watches(&sim->drives[i].node, item->frame.id) && !cut_off(sim, i)) {
+            (void)cr_drive_receive(&sim->drives[i], &item->frame, sim->now_us);
+        }
+    }
+}
+
 size_t cr_sim_send(cr_sim *sim, cr_sim_frame *frames, size_t frames_max) {
     const int budget = bit_budget_counts(sim);
     size_t count = 0;
@@ -343,6 +355,7 @@ size_t cr_sim_send(cr_sim *sim, cr_sim_frame *frames, size_t frames_max) {
         take(&sim->out, (uint32_t)at, &item);
         sim->bits_left -= bits;
         sim->counters.frames_out++;
+        tell_drives(sim, &item);
         frames[count++] = item.frame;
     }
     return count;

@@ -43,10 +43,30 @@ static uint32_t find_window(const cr_velocity *v, uint32_t limit) {
     return good;
 }
 
-float cr_velocity_step(cr_velocity *v, int32_t counts, uint32_t window) {
+static void push_counts(cr_velocity *v, int32_t counts) {
     v->head = (v->head + 1u) % (CR_WINDOW_MAX + 1u);
     v->counts[v->head] = counts;
     v->filled += v->filled <= CR_WINDOW_MAX ? 1u : 0u;
+}
+
+/* The samples that did not come, on the straight line between those that did, to the nearest count: within the one count
+ * that the window allows anyway. */
+static void bridge_gap(cr_velocity *v, int32_t counts, uint32_t periods) {
+    const int32_t from = v->counts[v->head];
+    const int64_t rise = (int32_t)((uint32_t)counts - (uint32_t)from), n = (int64_t)periods;
+    for (int64_t i = 1; i < n; i++) {
+        int64_t part = (2 * rise * i + (rise < 0 ? -n : n)) / (2 * n);
+        push_counts(v, (int32_t)((uint32_t)from + (uint32_t)part));
+    }
+}
+
+float cr_velocity_step(cr_velocity *v, int32_t counts, uint32_t periods, uint32_t window) {
+    if (periods > CR_WINDOW_MAX) {
+        cr_velocity_reset(v); /* too long ago to say anything */
+    } else if (v->filled > 0u) {
+        bridge_gap(v, counts, periods);
+    }
+    push_counts(v, counts);
     uint32_t most = v->filled - 1u < window ? v->filled - 1u : window;
     uint32_t n = find_window(v, most < CR_WINDOW_MAX ? most : CR_WINDOW_MAX);
     if (n == 0u) {
@@ -60,10 +80,13 @@ float cr_velocity_step(cr_velocity *v, int32_t counts, uint32_t window) {
 }
 
 void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
-                       float period_s, float speed[CR_AXES]) {
+                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]) {
     for (int a = 0; a < CR_AXES; a++) {
-        float slope = cr_velocity_step(&control->velocity[a], counts[a], config->control.window);
-        speed[a] = slope * config->axis[a].step / period_s;
+        speed[a] = 0.0f;
+        if (periods[a] > 0u) {
+            float slope = cr_velocity_step(&control->velocity[a], counts[a], periods[a], config->control.window);
+            speed[a] = slope * config->axis[a].step / period_s;
+        }
     }
 }
 
@@ -75,13 +98,19 @@ void cr_control_reset(cr_control *control) { memset(control, 0, sizeof *control)
  * speeds: the sum telescopes, so neither quantisation nor the velocity filter adds or loses energy. */
 static void observe(const cr_control_config *config, cr_control *c, const cr_control_input *in, cr_vec3 velocity) {
     cr_vec3 tip = in->kinematics->tip_world_m;
+    float steps = (float)(c->bridged + 1u);
     if (c->has_before) {
-        c->energy_J += v3_dot(c->applied_N[CR_FORCE_DELAY - 1], v3_sub(tip, c->tip_before_m));
+        /* Over a gap the way is known, not its parts: the mean of the forces is exact for a tip that moves evenly. */
+        cr_vec3 mean_N = v3_scale(v3_add(c->applied_N[CR_FORCE_DELAY - 1], c->bridged_N), 1.0f / steps);
+        c->energy_J += v3_dot(mean_N, v3_sub(tip, c->tip_before_m));
     }
+    c->bridged = 0u;
+    c->bridged_N = v3(0.0f, 0.0f, 0.0f);
     if (c->energy_J > 0.0f) {
         /* The mechanism's own viscous friction burns part of an excess. Without it the little that a turning force gives on its way over a
          * corner (0.04 mW at 20 mm/s, of 0.6 mW that friction takes) keeps the controller on: buzz 0.095 m/s^2 instead of 0.015. */
-        c->energy_J = max_f(0.0f, c->energy_J - config->own_damping_Ns_m * in->period_s * v3_dot(velocity, velocity));
+        float burnt_J = config->own_damping_Ns_m * in->period_s * steps * v3_dot(velocity, velocity);
+        c->energy_J = max_f(0.0f, c->energy_J - burnt_J);
     }
     c->tip_before_m = tip;
     c->has_before = 1u;
@@ -249,6 +278,8 @@ void cr_control_step(const cr_servo_config *config, cr_control *c, const cr_cont
 
 void cr_control_bridge(cr_control *c, cr_control_output *out) {
     memset(out, 0, sizeof *out);
+    c->bridged_N = v3_add(c->bridged_N, c->applied_N[CR_FORCE_DELAY - 1]);
+    c->bridged++;
     for (int a = 0; a < CR_AXES; a++) {
         out->torque[a] = 0.5f * c->torque[a];
     }

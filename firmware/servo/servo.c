@@ -42,7 +42,7 @@ cr_err cr_servo_init(cr_servo **servo, void *memory, size_t size_bytes, const cr
     /* Cannot fail: cr_servo_size asked for all that it checks. */
     (void)cr_world_init(&s->world, (uint8_t *)memory + own, size_bytes - own, scene, &config->world);
     s->config = *config;
-    cr_bus_reset(&s->bus);
+    cr_bus_reset(&s->bus, s->config.axis);
     cr_control_reset(&s->control);
     *servo = s;
     return CR_OK;
@@ -108,7 +108,7 @@ static uint32_t take_inputs(cr_servo *s, uint32_t inputs) {
 
 static uint32_t take_frames(cr_servo *s, uint64_t now_ns) {
     for (uint32_t i = 0; i < s->frame_count; i++) {
-        cr_bus_receive(&s->bus, &s->frames[i], now_ns, &s->counters);
+        cr_bus_receive(&s->config.bus, &s->bus, &s->frames[i], now_ns, &s->counters);
     }
     cr_bus_check(&s->config.bus, &s->bus, now_ns, &s->counters);
     uint32_t faults = s->bus.faults;
@@ -156,11 +156,13 @@ static uint32_t read_axis(cr_servo *s, int a) {
     if (drive->state_count == 0u) {
         s->stale = 1u;
         s->missed[a]++;
+        s->gap[a] = 0u;
         return 0u;
     }
     /* Through bridged periods the joint may have moved on. */
     float moved = counts_between(drive->counts, s->counts[a]) * abs_f(axis->step);
     float most = axis->jump_max * (float)(1u + s->missed[a]);
+    s->gap[a] = 1u + s->missed[a];
     s->missed[a] = 0u;
     s->counts[a] = drive->counts;
     s->joints.joint[a] = axis->offset + axis->step * (float)drive->counts;
@@ -224,7 +226,8 @@ static int is_resting(cr_servo *s) {
 /* Pose to wrench. */
 static uint32_t touch(cr_servo *s, float period_s) {
     cr_output *out = &s->output;
-    cr_tick(s->world, &s->kinematics.world_from_tool, period_s, out);
+    cr_tick(s->world, &s->kinematics.world_from_tool, min_f(1.0f, period_s * (float)(1u + s->untouched)), out);
+    s->untouched = 0u;
     return out->faults == 0u ? 0u : (uint32_t)CR_FAULT_NOT_FINITE;
 }
 
@@ -241,12 +244,13 @@ static uint32_t find_events(cr_servo *s, uint32_t inputs, uint32_t faults) {
 
 /* Everything from the start, drives included: what made a fault may have reset them. */
 static void restart(cr_servo *s) {
-    cr_bus_reset(&s->bus);
+    cr_bus_reset(&s->bus, s->config.axis);
     cr_control_reset(&s->control);
     cr_world_clear_fault(s->world);
     s->faults = s->first_fault = 0u;
     s->has_counts = s->has_wrist = s->rest_ticks = 0u;
     memset(s->missed, 0, sizeof s->missed);
+    s->untouched = 0u;
     s->mode = CR_MODE_INIT;
 }
 
@@ -255,6 +259,7 @@ static void fail(cr_servo *s, uint32_t faults) {
     s->faults = s->first_fault = faults;
     s->counters.faults++;
     cr_control_reset(&s->control);
+    cr_bus_refuse(&s->bus);
 }
 
 static void step_mode(cr_servo *s, uint32_t inputs, uint32_t faults) {
@@ -285,12 +290,12 @@ static void count_limits(cr_servo *s, uint32_t limits) {
 
 /* Wrench to joint torques. */
 static void render(cr_servo *s, float period_s, cr_control_output *out) {
+    cr_control_input in = {&s->kinematics, s->output.force_world_N, {0}, {0}, period_s};
+    memcpy(in.joint, s->joints.joint, sizeof in.joint);
+    cr_control_speeds(&s->config, &s->control, s->counts, s->gap, period_s, in.speed);
     if (s->stale) {
         cr_control_bridge(&s->control, out);
     } else {
-        cr_control_input in = {&s->kinematics, s->output.force_world_N, {0}, {0}, period_s};
-        memcpy(in.joint, s->joints.joint, sizeof in.joint);
-        cr_control_speeds(&s->config, &s->control, s->counts, period_s, in.speed);
         cr_control_step(&s->config, &s->control, &in, out);
     }
     if (!out->finite) {
@@ -346,6 +351,11 @@ static void record_outputs(cr_servo *s, const cr_control_output *out, const int1
     r->area_count = s->output.area_count;
     r->zone_count = s->output.zone_count;
     r->counters = s->counters;
+    r->trouble_axis = s->bus.trouble_axis;
+    r->sdo_object = s->bus.sdo_object;
+    r->sdo_found = s->bus.sdo_found;
+    r->sdo_wanted = s->bus.sdo_wanted;
+    r->sdo_abort = s->bus.sdo_abort;
 }
 
 /* --------------------------------------------------------------------------------------------------------- tick */
@@ -361,6 +371,8 @@ static uint32_t sense_and_touch(cr_servo *s, uint32_t faults, float period_s) {
     faults |= sense(s);
     if (faults == 0u && !s->stale && s->has_counts && s->has_wrist) {
         faults |= touch(s, period_s);
+    } else {
+        s->untouched++;
     }
     return faults;
 }
@@ -442,8 +454,8 @@ const char *cr_limit_text(uint32_t bit) {
 
 const char *cr_servo_fault_text(uint32_t bit) {
     static const char *const names[CR_FAULT_COUNT] = {
-        "silent",     "heartbeat", "reset",     "drive", "drive-state", "emcy",    "jump", "range",
-        "not-finite", "overrun",   "bad-state", "alien", "babble",      "bus-off", "sdo",  "stuck"};
+        "silent",  "heartbeat", "reset", "drive",  "drive-state", "emcy", "jump",  "range",   "not-finite",
+        "overrun", "bad-state", "alien", "babble", "bus-off",     "sdo",  "stuck", "mismatch"};
     return bit_text(bit, names, CR_FAULT_COUNT);
 }
 

@@ -41,7 +41,7 @@ cr_servo_config cr_servo_config_default(void) {
         {guide, link, link},
         0.05f * DEG_F,
         {0.0f, 0.0f, 0.5f, 20.0f, 4000.0f, 20.0f, 1.0f, 10.0f, 1.0f, 0.2f, 16u},
-        {100u, 150u, 250u, 2u, 100u, 1000u, 50u, 50u, 3u, 50u},
+        {100u, 150u, 250u, 2u, 100u, 1000u, 50u, 50u, 3u, 50u, 0u, 0x402u, 0x00010000u},
         cr_config_default(),
         1e-3f,
         1.8e-3f,

@@ -26,8 +26,9 @@ typedef struct {
 } cr_velocity;
 
 void cr_velocity_reset(cr_velocity *velocity);
-/* Output  counts per period; finite. */
-float cr_velocity_step(cr_velocity *velocity, int32_t counts, uint32_t window);
+/* Purpose  one sample, `periods` after the last: 1 as a rule, more after lost states. Samples in between are put on a straight line.
+ * Output   counts per period; finite.   Errors  none: a gap of more than CR_WINDOW_MAX starts anew. */
+float cr_velocity_step(cr_velocity *velocity, int32_t counts, uint32_t periods, uint32_t window);
 
 /* ---------------------------------------------------------------------------------------------------- control */
 
@@ -39,11 +40,13 @@ typedef struct {
     cr_velocity velocity[CR_AXES];
     cr_vec3 tip_before_m;
     cr_vec3 applied_N[CR_FORCE_DELAY]; /* [0] of the last tick */
+    cr_vec3 bridged_N;                 /* sum of the forces that acted in the periods since the last sample */
     cr_vec3 force_N;                   /* of the last tick, after the limits: where the rate limit starts */
     float torque[CR_AXES];
     float energy_J;
     float ramp; /* 0..1 */
     uint32_t has_before;
+    uint32_t bridged;    /* periods since the last sample */
     uint32_t free_ticks; /* since the last contact force */
 } cr_control;
 
@@ -67,9 +70,10 @@ typedef struct {
 /* Purpose  forget motion, energy and force: the next tick starts from nothing. */
 void cr_control_reset(cr_control *control);
 
-/* Purpose  speeds of the joints, from counts; to be called in every tick with a sample. */
+/* Purpose  speeds of the joints, from counts; to be called in every tick.
+ * Shapes   periods[a]: since the last sample of axis a; 0: none came, its speed is 0 and nothing is kept. */
 void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
-                       float period_s, float speed[CR_AXES]);
+                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]);
 
 /* Purpose  one tick of rendering: damping, passivity, limits, compensation, joint torques.
  * Errors   none: out->limits.   Cost  about 0.2 us.   Source  DESIGN.md "Control". */
@@ -135,15 +139,23 @@ typedef struct {
     cr_wrist wrist;
     uint64_t start_ns, reset_ns, sdo_ns, enable_ns, beat_ns, control_ns;
     uint32_t has_start;
+    uint32_t refused; /* 1: a fault came before the first word; silent until cr_bus_reset */
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;
+    uint32_t sdo_reading;                       /* 1: the step was written and is being read back */
+    uint32_t sdo_object, sdo_found, sdo_wanted; /* of the last trouble: index << 8 | sub */
+    uint32_t rated[CR_AXES], limit[CR_AXES];    /* what 0x6076 and 0x6072 have to say */
     uint32_t reset_due, start_due;
     uint32_t faults; /* found by receive and check, taken by the caller */
     uint32_t sdo_abort, trouble_axis;
     uint16_t emcy_code;
 } cr_bus;
 
-/* Purpose  to the beginning: listening, all drives unknown. */
-void cr_bus_reset(cr_bus *bus);
+/* Purpose  to the beginning: listening, all drives unknown. `axis`: what the drives must be rated for. */
+void cr_bus_reset(cr_bus *bus, const cr_axis_config axis[CR_AXES]);
+
+/* Purpose  the servo is in fault: a bus on which nothing has been sent stays silent, since another host may run it. Otherwise
+ *          nothing: drives that have been set up need SYNC, zero torques and heartbeats. */
+void cr_bus_refuse(cr_bus *bus);
 
 /* Purpose  a period begins: the SYNC frame, unless listening. */
 void cr_bus_sync(cr_bus *bus, cr_tx *tx);
@@ -152,7 +164,8 @@ void cr_bus_sync(cr_bus *bus, cr_tx *tx);
 int cr_bus_is_of_interest(uint16_t id);
 
 /* Purpose  one received frame.   Errors  faults go to bus->faults, oddities to counters. */
-void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_servo_counters *counters);
+void cr_bus_receive(const cr_bus_config *config, cr_bus *bus, const cr_frame *frame, uint64_t now_ns,
+                    cr_servo_counters *counters);
 
 /* Purpose  what the period's frames, or their absence, mean: silent, unhealthy or doubled drives; steps the phases. */
 void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_servo_counters *counters);
@@ -194,6 +207,8 @@ struct cr_servo {
     uint32_t has_counts, has_wrist, rest_ticks, stale;
     cr_still still[CR_AXES];
     uint32_t missed[CR_AXES]; /* periods since the last sample */
+    uint32_t gap[CR_AXES];    /* periods from the sample before to this tick's; 0: this tick has none */
+    uint32_t untouched;       /* periods since the world was last asked */
     cr_output output;
 };
 

@@ -1,27 +1,29 @@
 #include "lockstep.h"
 
-#include "sim.h"
+#include "wire.h"
 
 #include <string.h>
 
 #define SDO_FIRST 0x611u
+#define ANSWER_FIRST 0x591u
 /* Transmission type of an RPDO that acts when it arrives (CiA 301). */
 #define TYPE_AT_ONCE 255u
+#define TYPE_SYNC 1u
 
 typedef struct {
     cr_sim *sim;
-    void (*receive)(cr_sim *, const cr_sim_frame *, uint64_t);
-    void (*poll)(cr_sim *, uint64_t);
-    size_t (*send)(cr_sim *, cr_sim_frame *, size_t);
+    cr_wire *wire;
+    int (*put)(cr_wire *, const cr_sim_frame *, uint64_t);
+    int (*get)(cr_wire *, uint64_t, cr_sim_frame *, uint64_t *);
     void (*target)(cr_sim *, const double *, const double *);
     void (*read)(const cr_sim *, cr_sim_state *);
 } far_end;
 
 static far_end bind(const cr_lockstep_drives *d) {
     far_end end = {(cr_sim *)d->sim,
-                   (void (*)(cr_sim *, const cr_sim_frame *, uint64_t))d->receive,
-                   (void (*)(cr_sim *, uint64_t))d->poll,
-                   (size_t(*)(cr_sim *, cr_sim_frame *, size_t))d->send,
+                   (cr_wire *)d->wire,
+                   (int (*)(cr_wire *, const cr_sim_frame *, uint64_t))d->put,
+                   (int (*)(cr_wire *, uint64_t, cr_sim_frame *, uint64_t *))d->get,
                    (void (*)(cr_sim *, const double *, const double *))d->target,
                    (void (*)(const cr_sim *, cr_sim_state *))d->read};
     return end;
@@ -36,7 +38,17 @@ static void obey_at_once(cr_sim_frame *frame) {
     }
 }
 
-static void to_drives(const far_end *end, const cr_lockstep_clock *clock, const cr_tx *tx, uint64_t now_ns) {
+/* And reads it back. */
+static void hide_at_once(cr_sim_frame *frame) {
+    static const uint8_t type_of_torque[] = {0x4F, 0x01, 0x14, 0x02};
+    if (frame->id >= ANSWER_FIRST && frame->id < ANSWER_FIRST + CR_AXES &&
+        memcmp(frame->data, type_of_torque, sizeof type_of_torque) == 0) {
+        frame->data[4] = TYPE_SYNC;
+    }
+}
+
+static void to_drives(const far_end *end, const cr_lockstep_clock *clock, const cr_tx *tx, cr_servo *servo,
+                      uint64_t now_ns) {
     for (uint32_t i = 0; i < tx->count; i++) {
         const cr_frame *from = &tx->frames[i];
         cr_sim_frame frame = {.id = from->id, .len = from->size};
@@ -44,18 +56,29 @@ static void to_drives(const far_end *end, const cr_lockstep_clock *clock, const 
         if (clock->at_once) {
             obey_at_once(&frame);
         }
-        end->receive(end->sim, &frame, now_ns / 1000u);
+        if (end->put(end->wire, &frame, now_ns) != 0) {
+            cr_servo_input(servo, CR_INPUT_SEND_FAILED);
+        }
     }
 }
 
-static void to_servo(const far_end *end, cr_servo *servo, uint64_t now_ns) {
+/* What comes until then, or until the servo is ready.   Output  when it was over. */
+static uint64_t to_servo(const far_end *end, const cr_lockstep_clock *clock, cr_servo *servo, uint64_t until_ns,
+                         int stop_when_ready) {
     cr_sim_frame frame;
-    end->poll(end->sim, now_ns / 1000u);
-    while (end->send(end->sim, &frame, 1u) == 1u) {
+    uint64_t at_ns = until_ns;
+    while (end->get(end->wire, until_ns, &frame, &at_ns)) {
+        if (clock->at_once) {
+            hide_at_once(&frame);
+        }
         cr_frame to = {.id = (uint16_t)frame.id, .size = frame.len};
         memcpy(to.data, frame.data, frame.len);
         cr_servo_rx(servo, &to);
+        if (stop_when_ready && cr_servo_get_status(servo).ready) {
+            return at_ns;
+        }
     }
+    return until_ns;
 }
 
 static void note(const cr_sim_state *state, cr_lockstep_row *row) {
@@ -75,15 +98,15 @@ size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_loc
         cr_tx tx;
         cr_sim_state state;
         clock->now_ns += clock->period_ns;
-        const uint64_t tick_ns = clock->now_ns + (clock->at_once ? 0u : clock->tick_after_sync_ns);
+        (void)to_servo(&end, clock, servo, clock->now_ns, 0);
         end.target(end.sim, targets + 6u * k, targets + 6u * k + 3u);
         cr_servo_sync(servo, clock->now_ns, &tx);
-        to_drives(&end, clock, &tx, clock->now_ns);
-        to_servo(&end, servo, clock->now_ns);
+        to_drives(&end, clock, &tx, servo, clock->now_ns);
+        const uint64_t until_ns = clock->now_ns + (clock->at_once ? 0u : clock->deadline_ns);
+        const uint64_t tick_ns = to_servo(&end, clock, servo, until_ns, !clock->at_once);
         end.read(end.sim, &state);
         cr_servo_tick(servo, tick_ns, clock->period_s, &tx);
-        to_drives(&end, clock, &tx, tick_ns);
-        to_servo(&end, servo, tick_ns);
+        to_drives(&end, clock, &tx, servo, tick_ns);
         records[k] = *cr_servo_get_record(servo);
         note(&state, &rows[k]);
         if (records[k].mode < 32u && (stop_modes >> records[k].mode & 1u) != 0u) {

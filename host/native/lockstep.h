@@ -7,10 +7,11 @@
 /* A function of the simulator, of whatever type: the two ends of the bus are in two extensions. */
 typedef void (*cr_lockstep_fn)(void);
 
-/* The drives at the other end. Functions of sim/sim.h by name: cr_sim_receive, cr_sim_poll, ... */
+/* The drives at the other end, and the wire to them. Functions of sim/ by name: cr_wire_put, cr_wire_get, cr_sim_target, cr_sim_read. */
 typedef struct {
-    void *sim; /* cr_sim, lock-step; with at_once: wall-clock */
-    cr_lockstep_fn receive, poll, send, target, read;
+    void *sim;  /* cr_sim, lock-step; with at_once: wall-clock */
+    void *wire; /* cr_wire; with at_once: one whose frames take no time */
+    cr_lockstep_fn put, get, target, read;
 } cr_lockstep_drives;
 
 /* State of the mechanism after a tick; frame of the base. */
@@ -19,11 +20,11 @@ typedef struct {
     double hand_force_N[3], hand_target_m[3], joint_torque[3];
 } cr_lockstep_row;
 
-/* Time goes from tick to tick. at_once 0: the bus as it is, the torque of a tick acts from the next SYNC on. 1: there is no
+/* Time goes from tick to tick. A tick starts when every drive has answered, at the latest deadline_ns after its SYNC. at_once 0: the bus as it is, the torque of a tick acts from the next SYNC on. 1: there is no
  * time between sample and torque: the frame goes out with its SYNC, and the drives are set up (0x1401:2) to obey at once. */
 typedef struct {
     uint64_t now_ns; /* of the last SYNC */
-    uint64_t period_ns, tick_after_sync_ns;
+    uint64_t period_ns, deadline_ns;
     float period_s; /* as the servo is told */
     uint32_t at_once;
 } cr_lockstep_clock;

@@ -111,7 +111,8 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert "920" in crease("bus", "--schedule").out
     report = json.loads(crease("bus", "--schedule", "--json").out)
-    assert report["compute_budget_us"] == 425.0
+    assert report["cycle"]["deadline_us"] == 700.0
+    assert report["cycle"]["budget_us"] == 210.0
     assert [row["feasible"] for row in report["layouts"]] == [True, False, False, True]
 
 

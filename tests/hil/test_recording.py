@@ -6,9 +6,11 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
+import can
 import cantools
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from crease.bus.dbc import to_dbc
 from crease.bus.dictionary import load
 from crease.bus.transport import open_bus
 from crease.replay.recording import load_recording, rerun
-from hil_tools import CHANNEL, DEVICE, closed_loop, run_creased, wait_for
+from hil_tools import CHANNEL, CREASED, DEVICE, closed_loop, run_creased, wait_for
 
 
 def test_recording_of_creased_runs_again_to_the_bit(scene: Path, tmp_path: Path) -> None:
@@ -55,6 +57,25 @@ def test_second_host_is_refused(scene: Path) -> None:
         second = run_creased("--config", DEVICE, "--interface", CHANNEL, "--exit-on-fault", scene)
         assert second.returncode == 4
         assert "alien" in second.stdout
+
+
+def test_refused_creased_sends_nothing(scene: Path) -> None:
+    """It is left to run: what the listener hears in 700 ms is creased's alone, since it does not hear itself."""
+    with open_bus("socketcan", CHANNEL) as host:
+        words = [CREASED, "--config", DEVICE, "--interface", CHANNEL, scene]
+        with subprocess.Popen(
+            [str(word) for word in words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as creased:
+            heard, end_s = [], time.monotonic() + 0.7
+            while time.monotonic() < end_s:
+                host.send(can.Message(arbitration_id=0x080, is_extended_id=False))
+                if (message := host.recv(timeout=0.001)) is not None:
+                    heard.append(message)
+            creased.send_signal(signal.SIGTERM)
+            text = creased.communicate(timeout=10)[0]
+    assert creased.returncode == 4, text
+    assert "fault: alien" in text
+    assert heard == []
 
 
 def test_bus_without_drives_is_told(scene: Path) -> None:

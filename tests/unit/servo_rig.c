@@ -35,6 +35,9 @@ int crt_servo_start(crt_servo_rig *rig, const cr_servo_config *config) {
         const cr_axis_config *x = &config->axis[a];
         static const float rest[CR_AXES] = {0.0f, 0.78539816f, -0.78539816f};
         rig->drives[a].boot = 1;
+        crt_sdo_start(&rig->drives[a].sdo, (uint32_t)a);
+        crt_sdo_put(&rig->drives[a].sdo, 0x6076, 0, 4, (uint32_t)(x->rated * 1000.0f + 0.5f));
+        crt_sdo_put(&rig->drives[a].sdo, 0x6072, 0, 2, 32767u);
         rig->drives[a].status = 0x0240u;
         rig->drives[a].counts = (int32_t)fminf(fmaxf((rest[a] - x->offset) / x->step, -2e9f), 2e9f);
     }
@@ -70,7 +73,7 @@ static void hear(crt_drive *d, uint32_t axis, const cr_frame *f) {
         d->boot = f->data[0] == 0x82u;
         d->status = d->boot ? 0x0240u : d->status;
     } else if (f->id == 0x611u + axis) {
-        d->answer = (cr_frame){(uint16_t)(0x591u + axis), 8u, 0u, {0x60, f->data[1], f->data[2], f->data[3]}};
+        d->answer = crt_sdo_serve(&d->sdo, axis, f);
     } else if (f->id == 0x211u + axis && d->operational) {
         d->control = (uint16_t)(f->data[0] | f->data[1] << 8);
         d->status = status_after(d->status, d->control);
@@ -79,7 +82,7 @@ static void hear(crt_drive *d, uint32_t axis, const cr_frame *f) {
 
 static void speak(crt_servo_rig *rig, uint32_t axis) {
     crt_drive *d = &rig->drives[axis];
-    if (d->operational) {
+    if (d->operational && !d->mute) {
         cr_frame state = {(uint16_t)(0x191u + axis), 8u, 0u, {0}};
         for (int k = 0; k < 4; k++) {
             state.data[k] = (uint8_t)((uint32_t)d->counts >> 8 * k);

@@ -2,14 +2,17 @@
 #ifndef CRT_SERVO_RIG_H
 #define CRT_SERVO_RIG_H
 
+#include "sdo_server.h"
 #include "servo/servo_stages.h"
 
 #define CRT_RECORDS_MAX 512
 
 typedef struct {
     int operational, boot;
+    int mute; /* 1: its states are lost */
     uint16_t control, status;
     int32_t counts;
+    crt_sdo_server sdo;
     cr_frame answer; /* to the last SDO; size 0: none */
 } crt_drive;
 

@@ -1,4 +1,5 @@
 /* The CANopen manager against byte vectors written by hand from the tables of CiA 301, CiA 402 and SPEC.md. */
+#include "sdo_server.h"
 #include "servo/servo_stages.h"
 
 #include <math.h>
@@ -20,6 +21,7 @@ typedef struct {
     int16_t target[CR_AXES];
     int off;
     uint32_t faults; /* of all periods */
+    crt_sdo_server sdo[CR_AXES];
 } rig;
 
 static rig make_rig(void) {
@@ -27,14 +29,17 @@ static rig make_rig(void) {
     memset(&r, 0, sizeof r);
     r.config = cr_servo_config_default().bus;
     r.now_ns = 5u * MS;
-    cr_bus_reset(&r.bus);
+    cr_bus_reset(&r.bus, cr_servo_config_default().axis);
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        crt_sdo_start(&r.sdo[a], a);
+    }
     return r;
 }
 
 static void receive(rig *r, uint16_t id, uint8_t size, const uint8_t *data) {
     cr_frame frame = {id, size, 0u, {0}};
     memcpy(frame.data, data, size);
-    cr_bus_receive(&r->bus, &frame, r->now_ns, &r->counters);
+    cr_bus_receive(&r->config, &r->bus, &frame, r->now_ns, &r->counters);
 }
 #define RECEIVE(r, id, ...) receive(r, id, (uint8_t)sizeof((uint8_t[]){__VA_ARGS__}), (uint8_t[]){__VA_ARGS__})
 
@@ -95,7 +100,8 @@ static uint32_t answer_all(rig *r, cr_frame *requests, uint32_t most) {
                     requests[count] = *f;
                 }
                 count++;
-                RECEIVE(r, (uint16_t)(f->id - 0x80u), 0x60, f->data[1], f->data[2], f->data[3], 0, 0, 0, 0);
+                const cr_frame answer = crt_sdo_serve(&r->sdo[f->id - 0x611u], f->id - 0x611u, f);
+                receive(r, answer.id, 8u, answer.data);
             }
         }
     }
@@ -214,6 +220,29 @@ static void host_listens_before_it_speaks(void **state) {
     assert_true(sync.count == 1u && sync.frames[0].id == 0x080 && sync.frames[0].size == 0u);
 }
 
+static void host_that_hears_another_while_listening_stays_silent(void **state) {
+    (void)state;
+    rig r = make_rig();
+    uint32_t frames = 0u;
+    for (uint32_t ms = 0; ms < 700u; ms++) {
+        if (ms == 5u) {
+            receive(&r, 0x080, 0u, (const uint8_t *)"");
+        }
+        cr_tx sync = {0};
+        cr_bus_sync(&r.bus, &sync);
+        period(&r);
+        frames += r.tx.count + sync.count;
+    }
+    assert_int_equal(r.faults, CR_FAULT_ALIEN);
+    assert_int_equal(frames, 0);
+    cr_bus_reset(&r.bus, cr_servo_config_default().axis); /* a clear: it listens again, and this time nobody speaks */
+    r.off = 0;
+    for (uint32_t ms = 0; ms <= r.config.listen_ms; ms++) {
+        period(&r);
+    }
+    assert_true(IS_SENT(&r, 0x000, 0x82, 0x00));
+}
+
 static void reset_is_repeated_while_a_drive_is_missing(void **state) {
     (void)state;
     rig r = make_rig();
@@ -251,9 +280,10 @@ static void heartbeat_of_before_the_reset_does_not_count(void **state) {
 
 static void set_up_writes_what_the_frame_table_says(void **state) {
     (void)state;
-    static cr_frame got[200];
+    static cr_frame got[400];
     static const uint8_t want[][8] = {
         /* drive Y, node 0x12 */
+        {0x2b, 0x72, 0x60, 0x00, 0xc4, 0x09, 0x00, 0x00}, /* 2500 per mille of rated, no more */
         {0x2b, 0x17, 0x10, 0x00, 0x64, 0x00, 0x00, 0x00}, /* heartbeat 100 ms */
         {0x23, 0x16, 0x10, 0x01, 0x96, 0x00, 0x01, 0x00}, /* node 1 is missed after 150 ms */
         {0x23, 0x14, 0x10, 0x00, 0x92, 0x06, 0x00, 0x80}, /* EMCY off */
@@ -294,24 +324,38 @@ static void set_up_writes_what_the_frame_table_says(void **state) {
         {0x23, 0x01, 0x1a, 0x03, 0x10, 0x03, 0x00, 0x21},                                                   /* roll */
         {0x2f, 0x01, 0x1a, 0x00, 0x03, 0x00, 0x00, 0x00}, {0x23, 0x01, 0x18, 0x01, 0x94, 0x01, 0x00, 0x40}, /* 0x194 */
     };
+    static const uint8_t asked[][4] = {{0x40, 0x18, 0x10, 0x01},  /* vendor */
+                                       {0x40, 0x18, 0x10, 0x02},  /* product */
+                                       {0x40, 0x18, 0x10, 0x03},  /* revision */
+                                       {0x40, 0x76, 0x60, 0x00},  /* rated torque */
+                                       {0x40, 0x72, 0x60, 0x00}}; /* limit */
     const uint32_t steps = (uint32_t)(sizeof want / sizeof *want), more = (uint32_t)(sizeof wrist / sizeof *wrist);
+    const uint32_t asks = 5u, each = asks + 2u * steps;
     rig r = make_rig();
     boot_all(&r);
-    assert_int_equal(answer_all(&r, got, 200u), 3u * steps + more);
+    assert_int_equal(answer_all(&r, got, 400u), 3u * each + 2u * more);
     for (uint32_t i = 0; i < more; i++) {
-        assert_int_equal(got[3u * steps + i].id, 0x613);
-        assert_memory_equal(got[3u * steps + i].data, wrist[i], 8);
+        const cr_frame *f = &got[3u * each + 2u * i];
+        assert_true(f[0].id == 0x613 && f[1].id == 0x613);
+        assert_memory_equal(f[0].data, wrist[i], 8);
+        assert_true(f[1].data[0] == 0x40 && memcmp(f[1].data + 1, wrist[i] + 1, 3) == 0);
     }
-    for (uint32_t i = 0; i < steps; i++) {
-        assert_int_equal(got[steps + i].id, 0x612);
-        assert_memory_equal(got[steps + i].data, want[i], 8);
+    for (uint32_t i = 0; i < asks; i++) {
+        assert_memory_equal(got[each + i].data, asked[i], 4);
     }
-    assert_true(got[0].id == 0x611 && got[2u * steps].id == 0x613);
-    assert_memory_equal(got[16].data, ((uint8_t[]){0x23, 0x01, 0x16, 0x01, 0x10, 0x00, 0x71, 0x60}), 8); /* X: word 1 */
+    for (uint32_t i = 0; i < steps; i++) { /* written, then read back */
+        const cr_frame *f = &got[each + asks + 2u * i];
+        assert_true(f[0].id == 0x612 && f[1].id == 0x612);
+        assert_memory_equal(f[0].data, want[i], 8);
+        assert_true(f[1].data[0] == 0x40 && memcmp(f[1].data + 1, want[i] + 1, 3) == 0);
+    }
+    assert_true(got[0].id == 0x611 && got[2u * each].id == 0x613);
+    assert_memory_equal(got[asks + 2u * 17u].data, ((uint8_t[]){0x23, 0x01, 0x16, 0x01, 0x10, 0x00, 0x71, 0x60}),
+                        8); /* X: word 1 */
     assert_int_equal(r.faults, 0);
 }
 
-static void sdo_goes_out_at_most_every_10_ms_and_after_the_torque(void **state) {
+static void sdo_goes_out_at_most_every_5_ms_and_after_the_torque(void **state) {
     (void)state;
     rig r = make_rig();
     uint64_t last_ns = 0u;
@@ -323,13 +367,14 @@ static void sdo_goes_out_at_most_every_10_ms_and_after_the_torque(void **state) 
         assert_int_equal(r.tx.frames[0].id, 0x181);
         const cr_frame *f = sent(&r, 0x611);
         if (f != NULL) {
-            assert_true(requests == 0u || at_ns - last_ns >= 10u * MS);
+            assert_true(requests == 0u || at_ns - last_ns >= 5u * MS);
             last_ns = at_ns;
             requests++;
-            RECEIVE(&r, 0x591, 0x60, f->data[1], f->data[2], f->data[3], 0, 0, 0, 0);
+            const cr_frame answer = crt_sdo_serve(&r.sdo[0], 0u, f);
+            receive(&r, answer.id, 8u, answer.data);
         }
     }
-    assert_int_equal(requests, 20);
+    assert_int_equal(requests, 40);
 }
 
 static void sdo_abort_is_a_fault_that_keeps_the_code(void **state) {
@@ -337,9 +382,10 @@ static void sdo_abort_is_a_fault_that_keeps_the_code(void **state) {
     rig r = make_rig();
     boot_all(&r);
     period(&r);
-    RECEIVE(&r, 0x591, 0x80, 0x17, 0x10, 0x00, 0x00, 0x00, 0x02, 0x06);
+    RECEIVE(&r, 0x591, 0x80, 0x18, 0x10, 0x01, 0x00, 0x00, 0x02, 0x06);
     period(&r);
     assert_int_equal(r.faults, CR_FAULT_SDO);
+    assert_int_equal(r.bus.sdo_object, 0x101801);
     assert_int_equal(r.bus.sdo_abort, 0x06020000);
     assert_int_equal(r.bus.trouble_axis, 0);
 }
@@ -364,10 +410,10 @@ static void stray_sdo_answers_move_nothing(void **state) {
     rig r = make_rig();
     boot_all(&r);
     period(&r);
-    RECEIVE(&r, 0x592, 0x60, 0x17, 0x10, 0x00, 0, 0, 0, 0); /* of another drive */
-    RECEIVE(&r, 0x591, 0x60, 0x16, 0x10, 0x01, 0, 0, 0, 0); /* of another object */
-    RECEIVE(&r, 0x591, 0x43, 0x17, 0x10, 0x00, 0, 0, 0, 0); /* of an upload */
-    RECEIVE(&r, 0x591, 0x60, 0x17, 0x10);                   /* short */
+    RECEIVE(&r, 0x592, 0x43, 0x18, 0x10, 0x01, 0, 0, 0, 0); /* of another drive */
+    RECEIVE(&r, 0x591, 0x43, 0x18, 0x10, 0x02, 0, 0, 0, 0); /* of another object */
+    RECEIVE(&r, 0x591, 0x60, 0x18, 0x10, 0x01, 0, 0, 0, 0); /* of a download */
+    RECEIVE(&r, 0x591, 0x43, 0x18, 0x10, 0x01);             /* short */
     assert_int_equal(r.bus.sdo_step, 0);
     assert_int_equal(r.counters.malformed, 4);
 }
@@ -488,7 +534,7 @@ static void late_state_is_counted_and_is_not_this_periods(void **state) {
     rig r = make_rig();
     run_all(&r);
     const cr_frame late = {0x191, 8u, CR_FRAME_EARLY, {0x20, 0, 0, 0, 0, 0, 0x27, 0x06}};
-    cr_bus_receive(&r.bus, &late, r.now_ns, &r.counters);
+    cr_bus_receive(&r.config, &r.bus, &late, r.now_ns, &r.counters);
     assert_int_equal(r.counters.late, 1);
     assert_int_equal(r.bus.drive[0].state_count, 0);
     assert_int_equal(r.bus.drive[0].counts, 0x20);
@@ -520,7 +566,7 @@ static void one_frame_can_fault_the_running_bus(void **state) {
     for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
         rig r = make_rig();
         run_all(&r);
-        cr_bus_receive(&r.bus, &table[i].frame, r.now_ns, &r.counters);
+        cr_bus_receive(&r.config, &r.bus, &table[i].frame, r.now_ns, &r.counters);
         send_states(&r, 0x0627);
         period(&r);
         assert_int_equal(r.faults, table[i].fault);
@@ -585,7 +631,7 @@ static void drive_that_talks_more_than_it_may_is_babbling(void **state) {
     assert_true(r.bus.trouble_axis == 1u && r.counters.babbled == 1u);
 }
 
-static void off_sends_zero_control_words_once(void **state) {
+static void off_is_said_at_once_and_every_20_ms(void **state) {
     (void)state;
     rig r = make_rig();
     run_all(&r);
@@ -595,10 +641,57 @@ static void off_sends_zero_control_words_once(void **state) {
     for (uint16_t id = 0x211; id <= 0x213; id++) {
         assert_true(IS_SENT(&r, id, 0x00, 0x00, 0x0a));
     }
-    send_states(&r, 0x0250);
-    period(&r);
-    assert_null(sent(&r, 0x211));
-    assert_non_null(sent(&r, 0x181));
+    uint32_t words = 0u;
+    for (int k = 0; k < 200; k++) {
+        send_states(&r, 0x0250);
+        period(&r);
+        const int said = sent(&r, 0x211) != NULL;
+        assert_true(!said || (IS_SENT(&r, 0x211, 0x00, 0x00, 0x0a) && IS_SENT(&r, 0x213, 0x00, 0x00, 0x0a)));
+        words += said ? 1u : 0u;
+        assert_int_equal(r.tx.frames[0].id, 0x181);
+    }
+    assert_in_range(words, 9, 11);
+}
+
+/* A drive that says yes and keeps something else. */
+static void written_object_that_reads_back_otherwise_is_a_mismatch(void **state) {
+    (void)state;
+    rig r = make_rig();
+    boot_all(&r);
+    while (r.faults == 0u && r.bus.phase <= CR_PHASE_SET_UP) {
+        period(&r);
+        const cr_frame *f = sent(&r, 0x611);
+        if (f != NULL) {
+            cr_frame answer = crt_sdo_serve(&r.sdo[0], 0u, f);
+            answer.data[4] ^= f->data[0] == 0x40 && f->data[1] == 0x01 && f->data[2] == 0x14 && f->data[3] == 0x05;
+            receive(&r, answer.id, 8u, answer.data);
+        }
+    }
+    assert_int_equal(r.faults, CR_FAULT_MISMATCH);
+    assert_true(r.bus.sdo_object == 0x140105u && r.bus.sdo_found == 2u && r.bus.sdo_wanted == 3u);
+    assert_int_equal(r.bus.trouble_axis, 0);
+    for (int k = 0; k < 500; k++) { /* and nothing more is asked */
+        period(&r);
+        assert_null(sent(&r, 0x611));
+    }
+    assert_int_equal(r.faults, CR_FAULT_MISMATCH);
+}
+
+static void answers_of_all_sizes_that_say_so_are_taken(void **state) {
+    (void)state;
+    static const struct {
+        uint8_t command;
+        uint32_t faults;
+    } table[] = {{0x43, 0u}, {0x42, 0u}, {0x4b, CR_FAULT_MISMATCH}, {0x4f, CR_FAULT_MISMATCH}};
+    for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+        rig r = make_rig();
+        boot_all(&r);
+        period(&r);
+        RECEIVE(&r, 0x591, table[i].command, 0x18, 0x10, 0x01, 0, 0, 0, 0); /* vendor 0, four bytes */
+        period(&r);
+        assert_int_equal(r.faults, table[i].faults);
+        assert_int_equal(r.bus.sdo_step, table[i].faults == 0u ? 1 : 0);
+    }
 }
 
 /* Any bytes under any identifier: nothing but counters, faults and states changes, and no frame is malformed on the way out. */
@@ -619,7 +712,7 @@ static void noise_never_breaks_the_manager(void **state) {
         frame.id = ids[(seed >> 8) % (sizeof ids / sizeof *ids)];
         frame.size = (uint8_t)((seed >> 16) % 9u);
         frame.flags = (uint8_t)(seed >> 20 & 1u);
-        cr_bus_receive(&r.bus, &frame, r.now_ns, &r.counters);
+        cr_bus_receive(&r.config, &r.bus, &frame, r.now_ns, &r.counters);
         if (k % 5 == 0) {
             period(&r);
             assert_true(r.tx.count >= 1u && r.tx.count <= CR_TX_MAX && r.tx.frames[0].id == 0x181);
@@ -639,10 +732,11 @@ int main(void) {
         cmocka_unit_test(wrist_is_bridged_and_then_a_fault),
         cmocka_unit_test(per_mille_rounds_and_saturates),
         cmocka_unit_test(host_listens_before_it_speaks),
+        cmocka_unit_test(host_that_hears_another_while_listening_stays_silent),
         cmocka_unit_test(reset_is_repeated_while_a_drive_is_missing),
         cmocka_unit_test(heartbeat_of_before_the_reset_does_not_count),
         cmocka_unit_test(set_up_writes_what_the_frame_table_says),
-        cmocka_unit_test(sdo_goes_out_at_most_every_10_ms_and_after_the_torque),
+        cmocka_unit_test(sdo_goes_out_at_most_every_5_ms_and_after_the_torque),
         cmocka_unit_test(sdo_abort_is_a_fault_that_keeps_the_code),
         cmocka_unit_test(sdo_without_an_answer_is_asked_three_times),
         cmocka_unit_test(stray_sdo_answers_move_nothing),
@@ -657,7 +751,9 @@ int main(void) {
         cmocka_unit_test(status_word_of_a_running_drive_must_say_enabled),
         cmocka_unit_test(two_drives_of_one_number_are_noticed),
         cmocka_unit_test(drive_that_talks_more_than_it_may_is_babbling),
-        cmocka_unit_test(off_sends_zero_control_words_once),
+        cmocka_unit_test(off_is_said_at_once_and_every_20_ms),
+        cmocka_unit_test(written_object_that_reads_back_otherwise_is_a_mismatch),
+        cmocka_unit_test(answers_of_all_sizes_that_say_so_are_taken),
         cmocka_unit_test(noise_never_breaks_the_manager),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

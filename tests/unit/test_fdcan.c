@@ -156,6 +156,25 @@ static void bus_off_is_told_once_and_left(void **state) {
     assert_int_equal(fdcan_was_off(&can), 0);
 }
 
+static void nothing_of_before_bus_off_or_during_it_is_sent(void **state) {
+    (void)state;
+    fdcan can = started();
+    const cr_frame torque = {0x181u, 6u, 0u, {0xe8u, 0x03u, 0u, 0u, 0u, 0u, 0u, 0u}};
+    registers[FDCAN_TXFQS] = 31u | 1u << 16;
+    assert_int_equal(fdcan_send(&can, &torque), 0);
+    registers[FDCAN_TXBAR] = 0u;
+    registers[FDCAN_PSR] = 1u << 7;
+    registers[FDCAN_CCCR] = 1u;
+    assert_int_equal(fdcan_send(&can, &torque), -1);
+    assert_int_equal(fdcan_was_off(&can), 1);
+    assert_int_equal(registers[0xD4 / 4], 0xffffffffu); /* TXBCR: every request is cancelled */
+    assert_int_equal(fdcan_send(&can, &torque), -1);    /* on its way back: PSR.BO still stands */
+    assert_int_equal(registers[FDCAN_TXBAR], 0u);
+    registers[FDCAN_PSR] = 0u;
+    assert_int_equal(fdcan_send(&can, &torque), 0);
+    assert_int_equal(registers[FDCAN_TXBAR], 2u);
+}
+
 static void stop_leaves_the_bus(void **state) {
     (void)state;
     fdcan can = started();
@@ -176,6 +195,7 @@ int main(void) {
         cmocka_unit_test(remote_and_long_frames_are_never_handed_out),
         cmocka_unit_test(lost_frames_are_counted),
         cmocka_unit_test(bus_off_is_told_once_and_left),
+        cmocka_unit_test(nothing_of_before_bus_off_or_during_it_is_sent),
         cmocka_unit_test(stop_leaves_the_bus),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

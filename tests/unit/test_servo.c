@@ -1,6 +1,7 @@
 /* The servo in a loop with three drives and a mechanism made for this test alone: from power-on to a wall, every fault, and the
  * re-run of a recording. Shares nothing with the simulator, nor with the packers of the firmware. */
 #include "image_builder.h"
+#include "sdo_server.h"
 #include "servo/servo_stages.h"
 
 #include <math.h>
@@ -49,6 +50,7 @@ typedef struct {
     int boot, mute, refuse_sdo, mute_heartbeat, stuck;
     int32_t counts; /* as last told */
     int32_t slide;  /* counts added */
+    crt_sdo_server sdo;
 } drive;
 
 typedef struct {
@@ -83,6 +85,7 @@ static loop make_loop(void) {
     assert_int_equal(cr_servo_init(&l.servo, l.memory, size, &scene, &l.config), CR_OK);
     for (uint32_t a = 0; a < 3u; a++) {
         l.drives[a] = (drive){.nmt = 0x7f, .offset = 7u * a, .boot = 1};
+        crt_sdo_start(&l.drives[a].sdo, a);
     }
     l.pos[2] = l.target[2] = 0.05;
     l.hand_N_m = 400.0;
@@ -113,8 +116,7 @@ static void hear(loop *l, uint32_t axis, const cr_frame *f) {
         l->extra[l->extra_count++] = (cr_frame){
             (uint16_t)(0x591u + axis), 8u, 0u, {0x80, f->data[1], f->data[2], f->data[3], 0x22, 0x00, 0x00, 0x08}};
     } else if (f->id == 0x611u + axis) {
-        l->extra[l->extra_count++] =
-            (cr_frame){(uint16_t)(0x591u + axis), 8u, 0u, {0x60, f->data[1], f->data[2], f->data[3]}};
+        l->extra[l->extra_count++] = crt_sdo_serve(&d->sdo, axis, f);
     } else if (f->id == 0x211u + axis && d->nmt == 0x05) {
         const uint16_t word = f->data[0];
         const int rising = (word & 0x80u) != 0u && (d->control & 0x80u) == 0u;
@@ -562,6 +564,43 @@ static void drive_that_refuses_its_set_up_is_a_fault(void **state) {
     free_loop(&l);
 }
 
+static void drive_of_another_kind_is_refused_with_what_was_found(void **state) {
+    (void)state;
+    static const struct {
+        uint16_t index;
+        uint8_t sub, size;
+        uint32_t found, wanted;
+    } table[] = {{0x1018, 1, 4, 0x2e1u, 0u},
+                 {0x1018, 2, 4, 0x403u, 0x402u},
+                 {0x1018, 3, 4, 0x00020000u, 0x00010000u},
+                 {0x6076, 0, 4, 5000u, 3600u},
+                 {0x6072, 0, 2, 1500u, 2500u}};
+    for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+        loop l = make_loop();
+        crt_sdo_put(&l.drives[1].sdo, table[i].index, table[i].sub, table[i].size, table[i].found);
+        assert_true(run_until(&l, CR_MODE_FAULT, 3000u));
+        const cr_record *r = cr_servo_get_record(l.servo);
+        assert_int_equal(r->faults, CR_FAULT_MISMATCH);
+        assert_int_equal(r->sdo_object, (uint32_t)table[i].index << 8 | table[i].sub);
+        assert_true(r->sdo_found == table[i].found && r->sdo_wanted == table[i].wanted && r->trouble_axis == 1u);
+        for (int a = 0; a < 3; a++) {
+            assert_int_equal(l.drives[a].state, DISABLED);
+        }
+        free_loop(&l);
+    }
+}
+
+/* The other half of the revision, and a drive that could do more, are no reason. */
+static void drive_that_differs_where_it_may_is_taken(void **state) {
+    (void)state;
+    loop l = make_loop();
+    crt_sdo_put(&l.drives[0].sdo, 0x1018, 3, 4, 0x00010007u);
+    crt_sdo_put(&l.drives[1].sdo, 0x6072, 0, 2, 3000u);
+    assert_true(run_until(&l, CR_MODE_IDLE, 3000u));
+    assert_int_equal(l.drives[1].sdo.kept[4].value, 2500u); /* told not to */
+    free_loop(&l);
+}
+
 static void second_host_is_noticed_before_a_word_is_sent(void **state) {
     (void)state;
     loop l = make_loop();
@@ -694,6 +733,8 @@ int main(void) {
         cmocka_unit_test(stuck_encoder_is_noticed_when_the_torque_swings),
         cmocka_unit_test(stuck_encoder_is_not_watched_when_told_so),
         cmocka_unit_test(drive_that_refuses_its_set_up_is_a_fault),
+        cmocka_unit_test(drive_of_another_kind_is_refused_with_what_was_found),
+        cmocka_unit_test(drive_that_differs_where_it_may_is_taken),
         cmocka_unit_test(second_host_is_noticed_before_a_word_is_sent),
         cmocka_unit_test(late_tick_in_idle_is_counted_and_no_fault),
         cmocka_unit_test(recording_runs_again_to_the_bit),

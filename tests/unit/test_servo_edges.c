@@ -84,6 +84,43 @@ static void frames_too_long_or_of_no_interest_are_not_kept(void **state) {
     assert_true((cr_servo_get_status(rig.servo).first_fault & CR_FAULT_BABBLE) != 0u && torque_is_zero());
 }
 
+/* 2 counts of 60 um a period on the guide: 120 mm/s, also in the tick after two states of another or of its own drive were lost. */
+static void speed_after_lost_states_is_the_one_it_has(void **state) {
+    (void)state;
+    for (int k = 0; k < 120; k++) {
+        const int lost = k == 60 || k == 61, own = k == 90 || k == 91;
+        rig.drives[0].counts += 2;
+        rig.drives[2].mute = lost;
+        rig.drives[0].mute = own;
+        crt_servo_period(&rig, MS);
+        const cr_record *r = cr_servo_get_record(rig.servo);
+        assert_true(cr_mode_is_rendering(mode()));
+        assert_true(((r->limits & CR_LIMIT_STALE) != 0u) == (lost || own));
+        if (k > 20 && !lost && !own) {
+            assert_true(fabsf(r->velocity_world_m_s.x - 0.120f) < 1e-5f);
+        }
+    }
+}
+
+/* The scene's own damping sees the way since the world was last asked, and the time. */
+static void damping_of_the_world_after_lost_states_is_that_of_the_speed(void **state) {
+    float force_N[2] = {0.0f, 0.0f};
+    for (int lost = 0; lost < 2; lost++) {
+        cr_servo_config config = config_of();
+        config.world.damping_Ns_m = 50.0f;
+        assert_true(crt_servo_start(&rig, &config) && crt_servo_bring_up(&rig, MS, 3000u));
+        for (int k = 0; k < 30; k++) {
+            rig.drives[1].counts -= 1; /* down into the block: 40 um a period across the link */
+            rig.drives[2].mute = lost && (k == 27 || k == 28);
+            crt_servo_period(&rig, MS);
+        }
+        force_N[lost] = v3_norm(cr_servo_get_record(rig.servo)->contact_force_world_N);
+        power_off(state);
+    }
+    assert_int_equal(in_contact(state), 0); /* for power_off after the test */
+    assert_true(force_N[0] > 0.5f && fabsf(force_N[1] - force_N[0]) < 1e-3f * force_N[0]);
+}
+
 static void time_that_goes_back_or_jumps_is_a_fault(void **state) {
     const struct {
         int64_t sync, tick; /* after the last SYNC, ns */
@@ -328,6 +365,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(size_and_init_refuse_nothing_at_all, power_on, power_off),
         cmocka_unit_test_setup_teardown(frames_too_long_or_of_no_interest_are_not_kept, in_contact, power_off),
+        cmocka_unit_test_setup_teardown(speed_after_lost_states_is_the_one_it_has, in_contact, power_off),
+        cmocka_unit_test_teardown(damping_of_the_world_after_lost_states_is_that_of_the_speed, power_off),
         cmocka_unit_test_teardown(time_that_goes_back_or_jumps_is_a_fault, power_off),
         cmocka_unit_test_setup_teardown(off_switches_the_drives_off_in_its_tick, in_contact, power_off),
         cmocka_unit_test_setup_teardown(status_is_ready_once_every_drive_has_answered_this_sync, in_contact, power_off),

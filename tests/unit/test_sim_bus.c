@@ -123,6 +123,46 @@ static void sim_queue_counts_what_does_not_fit(void **state) {
     cr_sim_destroy(sim);
 }
 
+static void write_object(cr_sim *sim, uint32_t axis, uint16_t index, uint8_t sub, uint32_t value, uint8_t size) {
+    const cr_sim_frame frame = {.id = 0x611u + axis,
+                                .len = 8,
+                                .data = {(uint8_t)(0x23u | (4u - size) << 2), (uint8_t)index, (uint8_t)(index >> 8),
+                                         sub, (uint8_t)value, (uint8_t)(value >> 8), (uint8_t)(value >> 16),
+                                         (uint8_t)(value >> 24)}};
+    cr_sim_receive(sim, &frame, 0);
+}
+
+/* 0x1016 names the node to watch: the host, a node that is none of ours, or another drive, whose silence a third one may be. */
+static void drive_watches_the_heartbeat_of_any_node(void **state) {
+    (void)state;
+    static const uint32_t watched[] = {0x01, 0x22, 0x12};
+    for (size_t i = 0; i < sizeof watched / sizeof *watched; i++) {
+        const cr_sim_params p = cr_sim_params_default();
+        cr_sim *sim = cr_sim_create(&p, 0, 0);
+        const cr_sim_fault mute = {.kind = CR_SIM_FAULT_SILENT, .tick = 100, .ticks = 400, .axis = 1};
+        cr_sim_frame frames[FRAMES];
+        cr_sim_drive drive;
+        uint64_t now_us = 0;
+        write_object(sim, 0, 0x1016, 1, watched[i] << 16 | 50u, 4);
+        write_object(sim, 1, 0x1017, 0, 20u, 2);
+        assert_int_equal(cr_sim_set_faults(sim, &mute, 1), 0);
+        uint64_t faulted_us = 0;
+        for (int k = 1; k < 400 && faulted_us == 0; k++) {
+            const cr_sim_frame beat = {.id = 0x700u + watched[i], .len = 1, .data = {0x05}};
+            if (watched[i] != 0x12u && k <= 100 && k % 20 == 0) {
+                cr_sim_receive(sim, &beat, now_us);
+            }
+            (void)tick(sim, &now_us, frames);
+            cr_sim_read_drive(sim, 0, &drive);
+            faulted_us = drive.error_code == 0x8130 ? now_us : 0;
+        }
+        /* The last beat at 100 ms, or up to 20 ms before the silence; 50 ms later, to a tick. */
+        assert_in_range(faulted_us, 130000, 152000);
+        assert_int_equal(cr_sim_count(sim).frames_ignored, 0);
+        cr_sim_destroy(sim);
+    }
+}
+
 static void mechanism_at_rest_stays_at_rest(void **state) {
     (void)state;
     const cr_sim_params p = cr_sim_params_default();
@@ -145,6 +185,7 @@ int main(void) {
         cmocka_unit_test(sim_survives_a_million_random_bytes),
         cmocka_unit_test(sim_fault_table_refuses_and_keeps_the_old_one),
         cmocka_unit_test(sim_queue_counts_what_does_not_fit),
+        cmocka_unit_test(drive_watches_the_heartbeat_of_any_node),
         cmocka_unit_test(mechanism_at_rest_stays_at_rest),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -68,7 +68,8 @@ int fdcan_start(fdcan *can, uint32_t clock_Hz, uint32_t bitrate) {
 
 int fdcan_send(fdcan *can, const cr_frame *frame) {
     const uint32_t status = can->registers[FDCAN_TXFQS];
-    if ((status & TXFQS_FULL) != 0u || frame->size > 8u) {
+    const int off = (can->registers[FDCAN_PSR] & PSR_BUS_OFF) != 0u; /* set until the way back is done */
+    if (off || (status & TXFQS_FULL) != 0u || frame->size > 8u) {
         return -1;
     }
     const uint32_t slot = status >> 16 & 0x1fu;
@@ -119,7 +120,8 @@ int fdcan_was_off(fdcan *can) {
     if ((can->registers[FDCAN_PSR] & PSR_BUS_OFF) == 0u || (can->registers[FDCAN_CCCR] & CCCR_INIT) == 0u) {
         return 0;
     }
-    can->registers[FDCAN_CCCR] = 0u; /* the block stops itself at bus-off; this starts the way back */
+    can->registers[FDCAN_TXBCR] = 0xffffffffu; /* torques and SYNC of before: none of them may leave now */
+    can->registers[FDCAN_CCCR] = 0u;           /* the block stops itself at bus-off; this starts the way back */
     return 1;
 }
 

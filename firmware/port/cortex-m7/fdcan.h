@@ -30,6 +30,7 @@ enum {
     FDCAN_TXFQS = 0xC4 / 4,
     FDCAN_TXESC = 0xC8 / 4,
     FDCAN_TXBAR = 0xD0 / 4,
+    FDCAN_TXBCR = 0xD4 / 4,
     FDCAN_TXEFC = 0xF0 / 4
 };
 
@@ -48,9 +49,12 @@ uint32_t fdcan_bit_timing(uint32_t clock_Hz, uint32_t bitrate);
 int fdcan_start(fdcan *can, uint32_t clock_Hz, uint32_t bitrate);
 #define FDCAN_PATIENCE 100000u
 
+/* Purpose  queue one frame.   Output  0; -1: no room, or the block is off the bus: what is queued then would leave when it is no
+ *          longer true. */
 int fdcan_send(fdcan *can, const cr_frame *frame);
 int fdcan_receive(fdcan *can, cr_frame *frame);
-/* Purpose  1 when the block left the bus (bus-off); it is told to come back, which takes 128 idle sequences. */
+/* Purpose  1 when the block left the bus (bus-off). What it had not sent is cancelled, and it is told to come back, which takes 128
+ *          idle sequences. */
 int fdcan_was_off(fdcan *can);
 void fdcan_stop(fdcan *can);
 

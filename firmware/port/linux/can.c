@@ -93,7 +93,7 @@ static uint32_t ask_bitrate(int index) {
 
 static int set_options(int fd) {
     struct can_filter filters[FILTERS_MAX];
-    can_err_mask_t errors = CAN_ERR_BUSOFF;
+    can_err_mask_t errors = CAN_ERR_BUSOFF | CAN_ERR_RESTARTED;
     int count = 0, on = 1;
     for (uint32_t id = 0; id < ID_COUNT && count < FILTERS_MAX; id++) {
         if (cr_bus_is_of_interest((uint16_t)id)) {
@@ -163,8 +163,8 @@ void can_close(can_port *port) {
 /* ------------------------------------------------------------------------------------------------------- frames */
 
 int can_send(can_port *port, const cr_tx *tx) {
-    int result = 0;
-    for (uint32_t i = 0; i < tx->count; i++) {
+    int result = port->off && tx->count > 0u ? -1 : 0;
+    for (uint32_t i = 0; i < tx->count && !port->off; i++) {
         struct can_frame frame;
         memset(&frame, 0, sizeof frame);
         frame.can_id = tx->frames[i].id;
@@ -207,9 +207,12 @@ static int read_one(can_port *port, cr_frame *out) {
         return 0;
     }
     if ((frame.can_id & CAN_ERR_FLAG) != 0u) {
-        port->bus_off |= (frame.can_id & CAN_ERR_BUSOFF) != 0u ? 1u : 0u;
+        uint32_t left = (frame.can_id & CAN_ERR_BUSOFF) != 0u ? 1u : 0u;
+        port->bus_off |= left;
+        port->off = left || ((frame.can_id & CAN_ERR_RESTARTED) == 0u && port->off) ? 1u : 0u;
         return 0;
     }
+    port->off = 0u; /* who hears a frame is on the bus */
     out->id = (uint16_t)(frame.can_id & CAN_SFF_MASK);
     out->size = frame.can_dlc <= 8u ? frame.can_dlc : 8u;
     out->flags = 0u;

@@ -51,6 +51,9 @@ static const entry entries[] = {
     {"bus", "sdo_timeout_ms", WHOLE, 1, AT(servo.bus.sdo_timeout_ms), 1.0, 10.0, 10000.0},
     {"bus", "enable_timeout_ms", WHOLE, 1, AT(servo.bus.enable_timeout_ms), 1.0, 50.0, 60000.0},
     {"bus", "listen_ms", WHOLE, 1, AT(servo.bus.listen_ms), 1.0, 0.0, 10000.0},
+    {"bus", "vendor_id", WHOLE, 1, AT(servo.bus.vendor_id), 1.0, 0.0, 4294967295.0},
+    {"bus", "product_code", WHOLE, 1, AT(servo.bus.product_code), 1.0, 0.0, 4294967295.0},
+    {"bus", "revision", WHOLE, 1, AT(servo.bus.revision), 1.0, 0.0, 4294967295.0},
     {"loop", "period_us", FLOATS, 1, AT(servo.period_s), 1e-6, 816.0, 100000.0},
     {"loop", "overrun_us", FLOATS, 1, AT(servo.overrun_s), 1e-6, 816.0, 200000.0},
     {"loop", "deadline_us", WHOLE, 1, AT(deadline_us), 1.0, 100.0, 100000.0},
@@ -100,7 +103,7 @@ device_config device_default(void) {
     d.servo = cr_servo_config_default();
     memcpy(d.interface, "can0", sizeof "can0");
     d.bitrate = 1000000u;
-    d.deadline_us = 600u;
+    d.deadline_us = 700u;
     d.priority = 80u;
     return d;
 }

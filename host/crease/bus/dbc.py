@@ -23,6 +23,14 @@ _COMMANDS = {
     0x81: "reset node",
     0x82: "reset communication",
 }
+_SDO_REQUESTS = {
+    0x22: "write", 0x23: "write 4", 0x27: "write 3", 0x2B: "write 2", 0x2F: "write 1", 0x40: "read",
+    0x80: "abort",
+}  # fmt: skip
+_SDO_RESPONSES = {
+    0x42: "value", 0x43: "value 4", 0x47: "value 3", 0x4B: "value 2", 0x4F: "value 1",
+    0x60: "written", 0x80: "abort",
+}  # fmt: skip
 
 
 def _signal(
@@ -71,12 +79,22 @@ def _torque_signals(dictionary: Dictionary) -> list[str]:
     ]
 
 
+def _sdo(receiver: str) -> list[str]:
+    """An expedited SDO frame (CiA 301, 7.2.4.3): value, or abort code, in the last four bytes."""
+    return [
+        _signal("command", 0, 8, False, 1, "", receiver),
+        _signal("index", 8, 16, False, 1, "", receiver),
+        _signal("subindex", 24, 8, False, 1, "", receiver),
+        _signal("value", 32, 32, False, 1, "", receiver),
+    ]
+
+
 def _message(cob: int, name: str, length: int, sender: str, signals: list[str]) -> list[str]:
     return [f"BO_ {cob} {name}: {length} {sender}", *signals, ""]
 
 
 def to_dbc(dictionary: Dictionary) -> str:
-    """The text of the DBC: SYNC, NMT, torque, state, control, emergency and heartbeat of every node."""
+    """The text of the DBC: SYNC, NMT, torque, state, control, SDO, emergency and heartbeat of every node."""
     axes, setup = dictionary.axes, dictionary.setup
     drives = [f"DRIVE_{axis.name}" for axis in axes]
     anyone = ",".join(drives)
@@ -130,6 +148,12 @@ def to_dbc(dictionary: Dictionary) -> str:
             setup["emergency_cob"] + axis.node, f"EMCY_{axis.name}", 8, drive, emergency
         )
         lines += _message(0x700 + axis.node, f"HEARTBEAT_{axis.name}", 1, drive, state)
+        lines += _message(0x600 + axis.node, f"SDO_REQUEST_{axis.name}", 8, _HOST, _sdo(drive))
+        lines += _message(0x580 + axis.node, f"SDO_RESPONSE_{axis.name}", 8, drive, _sdo(_HOST))
+        values += [
+            f"VAL_ {0x600 + axis.node} command {_value_table(_SDO_REQUESTS)} ;",
+            f"VAL_ {0x580 + axis.node} command {_value_table(_SDO_RESPONSES)} ;",
+        ]
         values.append(f"VAL_ {0x700 + axis.node} state {_value_table(_STATES)} ;")
     return "\n".join([*lines, *values, ""])
 

@@ -106,7 +106,7 @@ class Pdo:
 
 @dataclass(frozen=True)
 class Message:
-    """One frame of the timing model. Units: us."""
+    """One frame of the timing model. Units: us. rendering: comes while torque flows. sender: host or drive."""
 
     name: str
     cob: int
@@ -114,6 +114,8 @@ class Message:
     period_us: int
     jitter_us: int
     cyclic: bool
+    rendering: bool = True
+    sender: str = "drive"
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,10 @@ class Dictionary:
         found: list[Message] = []
         for item in self.raw["message"]:
             jitter = self.schedule[f"{item['sender']}_jitter_us"]
-            rest = (item["bytes"], item["period_us"], jitter, bool(item.get("cyclic", False)))
+            rest = (
+                item["bytes"], item["period_us"], jitter, bool(item.get("cyclic", False)),
+                bool(item.get("rendering", True)), item["sender"],
+            )  # fmt: skip
             if item.get("per_axis"):
                 found += [
                     Message(f"{item['name']}_{axis.name}", item["cob"] + axis.node, *rest)

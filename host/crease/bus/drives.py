@@ -16,6 +16,9 @@ from crease.base.errors import BusError
 F64 = npt.NDArray[np.float64]
 
 AXES = 3
+BIT_NS = 1000
+REACTION_NS = 20_000
+"""1 Mbit/s; the jitter of a drive in the schedule."""
 STATES = (
     "not ready to switch on", "switch on disabled", "ready to switch on", "switched on",
     "operation enabled", "quick stop active", "fault reaction active", "fault",
@@ -175,9 +178,7 @@ class Drives:
 
     def receive(self, frame: Frame, now_us: int) -> None:
         """A frame came over the bus."""
-        self._frame.id = frame.id
-        self._frame.len = len(frame.data)
-        ffi.memmove(self._frame.data, frame.data, len(frame.data))
+        _fill(self._frame, frame)
         lib.cr_sim_receive(self.c, self._frame, now_us)
 
     def poll(self, now_us: int) -> None:
@@ -247,6 +248,48 @@ class Drives:
         """What was counted since the start."""
         found = lib.cr_sim_count(self.c)
         return Counters(*(int(getattr(found, field.name)) for field in fields(Counters)))
+
+
+class Wire:
+    """The bus between a host and drives in its true time: bits of each frame, arbitration; see sim/wire.h.
+
+    bit_ns 0: frames take no time. reaction_ns: how long a drive takes to answer.   Errors: BusError.
+    """
+
+    def __init__(
+        self, drives: Drives, bit_ns: int = BIT_NS, reaction_ns: int = REACTION_NS, now_ns: int = 0
+    ) -> None:
+        made = lib.cr_wire_create(drives.c, bit_ns, reaction_ns, now_ns)
+        if made == ffi.NULL:
+            raise BusError("memory is out")
+        self.drives = drives
+        self.c: Any = ffi.gc(made, lib.cr_wire_destroy)
+        self._frame = ffi.new("cr_sim_frame *")
+        self._at = ffi.new("uint64_t *")
+
+    def put(self, frame: Frame, now_ns: int) -> bool:
+        """The host hands over a frame.   Output: False when its queue is full."""
+        _fill(self._frame, frame)
+        return bool(lib.cr_wire_put(self.c, self._frame, now_ns) == 0)
+
+    def get(self, until_ns: int) -> tuple[Frame, int] | None:
+        """The next frame that the host has received, and when, ns; None: none until then."""
+        if not lib.cr_wire_get(self.c, until_ns, self._frame, self._at):
+            return None
+        item = self._frame
+        return Frame(item.id, bytes(item.data[0 : item.len])), int(self._at[0])
+
+
+def _fill(item: Any, frame: Frame) -> None:
+    item.id, item.len = frame.id, len(frame.data)
+    ffi.memmove(item.data, frame.data, len(frame.data))
+
+
+def wire_bits(frame: Frame) -> int:
+    """Bits of this very frame on the wire, stuff bits and interframe space included."""
+    item = ffi.new("cr_sim_frame *")
+    _fill(item, frame)
+    return int(lib.cr_wire_bits(item))
 
 
 class Mech:

@@ -168,10 +168,53 @@ def highest_rate_Hz(items: Sequence[Timing], step_Hz: int = 25, most_Hz: int = 4
     return max((rate for rate in rates if feasible(at_rate(items, rate))), default=0)
 
 
-def compute_budget_us(items: Sequence[Timing], period_us: float = 1000.0) -> float:
-    """What one period leaves for the computation when SYNC, states and torque follow one another and the host
-    sends the rest after its torque frame. The wrist goes over the bus while the host computes: no tick waits for it."""
-    return period_us - sum(i.cost_us for i in items if i.cyclic and i.period_us <= period_us)
+@dataclass(frozen=True)
+class Cycle:
+    """One period while torque flows: SYNC, states, computation, torque.
+
+    Units: us after SYNC is handed to the controller. states_us: the last state has come, when nothing else is on the bus.
+    answers_us: the same at the latest. deadline_us: what the host waits at most. budget_us, budget_quiet_us: how long the
+    computation may take so that the torque frame is through before the next SYNC is due, in every case, and with
+    nothing else on the bus. bridged_us: the torque frame of a tick that waited until the deadline is through.
+    """
+
+    states_us: float
+    answers_us: float
+    deadline_us: float
+    budget_us: float
+    budget_quiet_us: float
+    bridged_us: float
+
+
+def cycle(dictionary: Dictionary, bit_us: float = 1.0, step_us: float = 50.0) -> Cycle:
+    """The phases of one period follow one another, so that they can be added up: tighter than `analyse`, which
+    takes every frame to be released at any time.
+
+    A frame of a drive may be on the wire when SYNC is handed over; another may start in the time that the drives need
+    to answer; a third may be on the wire when the torque frame is handed over: the heartbeats, once each. The host's
+    own heartbeat goes out behind its torque frame, and SYNC behind that when the bus was late. The wrist comes below the
+    states, while the host computes: a computation shorter than its frame waits for it instead. A bus error is left out:
+    a state that it delays beyond the deadline is bridged.
+    """
+    messages = [m for m in dictionary.messages() if m.rendering]
+    cost = {m.name: frame_bits(m.bytes) * bit_us for m in messages}
+    states = [m for m in messages if m.name.startswith("STATE")]
+    seldom = [m for m in messages if not m.cyclic]
+    in_way = sorted((cost[m.name] for m in seldom if m.sender == "drive"), reverse=True)[:3]
+    behind_torque = sum(cost[m.name] for m in seldom if m.sender == "host")
+    period = float(dictionary.bus["period_us"])
+    reaction = max(m.jitter_us for m in states)
+    quiet = cost["SYNC"] + reaction + sum(cost[m.name] for m in states)
+    answers = quiet + in_way[0] + in_way[1]
+    deadline = ceil((answers + behind_torque) / step_us) * step_us
+    return Cycle(
+        states_us=quiet,
+        answers_us=answers + behind_torque,
+        deadline_us=deadline,
+        budget_us=period - answers - in_way[2] - cost["TORQUE"],
+        budget_quiet_us=period - quiet - cost["TORQUE"],
+        bridged_us=deadline + max(in_way[0], cost["WRIST"]) + cost["TORQUE"],
+    )
 
 
 def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:

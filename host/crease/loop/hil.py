@@ -18,7 +18,7 @@ from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.records import record
 from crease.base.scene import Scene
-from crease.bus.drives import Drives, Fault, Frame, Params
+from crease.bus.drives import Drives, Fault, Frame, Params, Wire
 from crease.replay.measures import buzz_m_s2
 from crease.replay.recording import (
     RECORD,
@@ -33,7 +33,8 @@ from crease.replay.trajectory import Trajectory
 F64 = npt.NDArray[np.float64]
 
 PERIOD_NS = 1_000_000
-TICK_AFTER_SYNC_NS = 400_000
+DEADLINE_NS = 700_000
+"""After SYNC: the tick starts then at the latest, as on a device (crease.bus.schedule)."""
 LEAD_TICKS = 600
 """How long the hand takes from where the device stands to the first pose of the path."""
 SETTLE_TICKS = 400
@@ -125,10 +126,17 @@ class InProcess:
         config: Any | None = None,
         params: Params | None = None,
         faults: Sequence[Fault] = (),
+        deadline_ns: int = DEADLINE_NS,
+        compute_ns: int = 0,
     ) -> None:
-        """Errors: CreaseError for a configuration, parameters or faults that are refused."""
+        """deadline_ns: after SYNC. compute_ns: how long a tick takes.
+
+        Errors: CreaseError for a configuration, parameters or faults that are refused.
+        """
         self.servo = Servo(scene, config)
         self.drives = Drives(params, faults=faults)
+        self.wire = Wire(self.drives)
+        self.deadline_ns, self.compute_ns = deadline_ns, compute_ns
         self.config = self.servo.config
         self.now_ns = 0
         self.rows: list[bytes] = []
@@ -152,30 +160,38 @@ class InProcess:
             frame = Frame(int(item.id), bytes(item.data[0 : item.size]))
             if self.on_frame is not None:
                 self.on_frame(now_ns * 1e-9, frame)
-            self.drives.receive(frame, now_ns // 1000)
+            if not self.wire.put(frame, now_ns):
+                self.command(int(lib.CR_INPUT_SEND_FAILED))
 
-    def _to_servo(self, now_ns: int) -> None:
-        self.drives.poll(now_ns // 1000)
-        for frame in self.drives.send():
+    def _to_servo(self, until_ns: int, stop_when_ready: bool) -> int:
+        """What the wire brings until then, or until every drive has answered; gives when it was over."""
+        while (came := self.wire.get(until_ns)) is not None:
+            frame, at_ns = came
             if self.on_frame is not None:
-                self.on_frame(now_ns * 1e-9, frame)
+                self.on_frame(at_ns * 1e-9, frame)
             self._frame.id, self._frame.size = frame.id, len(frame.data)
             ffi.memmove(self._frame.data, frame.data, len(frame.data))
             lib.cr_servo_rx(self.servo.c, self._frame)
+            if stop_when_ready and lib.cr_servo_get_status(self.servo.c).ready:
+                return at_ns
+        return until_ns
 
     def tick(self, target: Sequence[float] | None = None) -> None:
-        """One period. target: where the hand wants the tip (3, m, base) and how the wrist stands (3, rad)."""
+        """One period. target: where the hand wants the tip (3, m, base) and how the wrist stands (3, rad).
+
+        As a device does it: SYNC; the tick once every drive has answered, or at the deadline; frames on the wire in
+        their true time.
+        """
+        self.now_ns += PERIOD_NS
+        self._to_servo(self.now_ns, stop_when_ready=False)
         if target is not None:
             self.drives.target(target[:3], target[3:])
-        self.now_ns += PERIOD_NS
         lib.cr_servo_sync(self.servo.c, self.now_ns, self._tx)
         self._to_drives(self.now_ns)
-        self._to_servo(self.now_ns)
+        tick_ns = self._to_servo(self.now_ns + self.deadline_ns, stop_when_ready=True)
         state = self.drives.state
-        tick_ns = self.now_ns + TICK_AFTER_SYNC_NS
         lib.cr_servo_tick(self.servo.c, tick_ns, self.config.period_s, self._tx)
-        self._to_drives(tick_ns)
-        self._to_servo(tick_ns)
+        self._to_drives(tick_ns + self.compute_ns)
         record = lib.cr_servo_get_record(self.servo.c)
         self.rows.append(bytes(ffi.buffer(record, RECORD.itemsize)))
         self.mechanism.append(

@@ -23,11 +23,11 @@ from crease import _sim
 from crease.base.errors import LoopError
 from crease.base.native import RESPONSES, ffi, lib
 from crease.base.scene import Scene
-from crease.bus.drives import Drives, Params
+from crease.bus.drives import BIT_NS, REACTION_NS, Drives, Params, Wire
 from crease.loop.hil import (
+    DEADLINE_NS,
     MECHANISM,
     PERIOD_NS,
-    TICK_AFTER_SYNC_NS,
     LoopResult,
     hand_targets,
     lead_in,
@@ -148,13 +148,16 @@ class Loop:
         self._clock = ffi.new("cr_lockstep_clock *")
         self._clock.period_ns = PERIOD_NS
         self._clock.period_s = self.config.period_s
-        self._clock.tick_after_sync_ns = TICK_AFTER_SYNC_NS
+        self._clock.deadline_ns = DEADLINE_NS
         self._clock.at_once = int(setup.delay_s is not None)
         self._far = ffi.new("cr_lockstep_drives *")
         self._far.sim = _pointer("void *", self.drives.c)
-        for name in ("receive", "poll", "send", "target", "read"):
-            address = _sim.ffi.addressof(_sim.lib, f"cr_sim_{name}")
-            setattr(self._far, name, _pointer("cr_lockstep_fn", address))
+        at_once = setup.delay_s is not None
+        self._wire = Wire(self.drives, 0, 0) if at_once else Wire(self.drives, BIT_NS, REACTION_NS)
+        self._far.wire = _pointer("void *", self._wire.c)
+        for name in ("wire_put", "wire_get", "sim_target", "sim_read"):
+            address = _sim.ffi.addressof(_sim.lib, f"cr_{name}")
+            setattr(self._far, name.split("_")[1], _pointer("cr_lockstep_fn", address))
         self._records: list[npt.NDArray[Any]] = []
         self._rows: list[npt.NDArray[Any]] = []
         self.ticks = 0

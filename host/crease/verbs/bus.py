@@ -106,12 +106,12 @@ def _schedule(args: argparse.Namespace) -> None:
         }
         for name, items in layouts.items()
     ]
-    budget_us = schedule.compute_budget_us(ours, float(dictionary.bus["period_us"]))
+    cycle = schedule.cycle(dictionary)
     if args.json:
         messages = [
             vars(r) | {"with_error_us": e.response_us} for r, e in zip(found, struck, strict=True)
         ]
-        print_json({"messages": messages, "layouts": rows, "compute_budget_us": budget_us})
+        print_json({"messages": messages, "layouts": rows, "cycle": vars(cycle)})
         return
     print("COB-ID  frame           bits   period us  response us  with one bus error per 10 ms")
     for one, worse in zip(found, struck, strict=True):
@@ -119,7 +119,11 @@ def _schedule(args: argparse.Namespace) -> None:
             f"0x{one.cob:03X}   {one.name:14s} {one.cost_us:5.0f} {one.period_us:11,.0f} {_us(one.response_us):>12s}"
             f"  {_us(worse.response_us):>12s}{'' if worse.feasible else '  too late'}"
         )
-    print(f"\nSYNC, states and torque leave {budget_us:.0f} us of a period for the computation\n")
+    print(
+        f"\nwhile torque flows: the states are there {cycle.states_us:.0f} us after SYNC, at the latest after"
+        f" {cycle.answers_us:.0f} us; deadline {cycle.deadline_us:.0f} us;\nthe computation may take"
+        f" {cycle.budget_us:.0f} us, with no heartbeat in the way {cycle.budget_quiet_us:.0f} us\n"
+    )
     print(f"{'layout':26s} {'load cyclic/all':>16s} {'last cyclic':>12s}  feasible  up to")
     for row in rows:
         fits = "yes" if row["feasible"] else "no"
