@@ -17,6 +17,7 @@ typedef struct {
     int (*get)(cr_wire *, uint64_t, cr_sim_frame *, uint64_t *);
     void (*target)(cr_sim *, const double *, const double *);
     void (*read)(const cr_sim *, cr_sim_state *);
+    void (*seen)(uint64_t, const cr_frame *);
 } far_end;
 
 static far_end bind(const cr_lockstep_drives *d) {
@@ -25,7 +26,8 @@ static far_end bind(const cr_lockstep_drives *d) {
                    (int (*)(cr_wire *, const cr_sim_frame *, uint64_t))d->put,
                    (int (*)(cr_wire *, uint64_t, cr_sim_frame *, uint64_t *))d->get,
                    (void (*)(cr_sim *, const double *, const double *))d->target,
-                   (void (*)(const cr_sim *, cr_sim_state *))d->read};
+                   (void (*)(const cr_sim *, cr_sim_state *))d->read,
+                   d->seen};
     return end;
 }
 
@@ -53,6 +55,9 @@ static void to_drives(const far_end *end, const cr_lockstep_clock *clock, const 
         const cr_frame *from = &tx->frames[i];
         cr_sim_frame frame = {.id = from->id, .len = from->size};
         memcpy(frame.data, from->data, from->size);
+        if (end->seen != NULL) {
+            end->seen(now_ns, from);
+        }
         if (clock->at_once) {
             obey_at_once(&frame);
         }
@@ -73,6 +78,9 @@ static uint64_t to_servo(const far_end *end, const cr_lockstep_clock *clock, cr_
         }
         cr_frame to = {.id = (uint16_t)frame.id, .size = frame.len};
         memcpy(to.data, frame.data, frame.len);
+        if (end->seen != NULL) {
+            end->seen(at_ns, &to);
+        }
         cr_servo_rx(servo, &to);
         if (stop_when_ready && cr_servo_get_status(servo).ready) {
             return at_ns;
@@ -99,14 +107,16 @@ size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_loc
         cr_sim_state state;
         clock->now_ns += clock->period_ns;
         (void)to_servo(&end, clock, servo, clock->now_ns, 0);
-        end.target(end.sim, targets + 6u * k, targets + 6u * k + 3u);
+        if (targets != NULL) {
+            end.target(end.sim, targets + 6u * k, targets + 6u * k + 3u);
+        }
         cr_servo_sync(servo, clock->now_ns, &tx);
         to_drives(&end, clock, &tx, servo, clock->now_ns);
         const uint64_t until_ns = clock->now_ns + (clock->at_once ? 0u : clock->deadline_ns);
         const uint64_t tick_ns = to_servo(&end, clock, servo, until_ns, !clock->at_once);
         end.read(end.sim, &state);
         cr_servo_tick(servo, tick_ns, clock->period_s, &tx);
-        to_drives(&end, clock, &tx, servo, tick_ns);
+        to_drives(&end, clock, &tx, servo, tick_ns + clock->compute_ns);
         records[k] = *cr_servo_get_record(servo);
         note(&state, &rows[k]);
         if (records[k].mode < 32u && (stop_modes >> records[k].mode & 1u) != 0u) {

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene, open_scene
 from crease.bus.drives import Fault, Frame
-from crease.loop.hil import InProcess, lead_in
+from crease.loop.hil import Loop, lead_in
 from crease.replay.recording import fault_names, limit_names, rerun
 
 F64 = npt.NDArray[np.float64]
@@ -162,7 +162,7 @@ class Watch:
         self.bad += len(frame.data) != 6 or not within or (self.zero and any(words))
 
 
-def inject(loop: InProcess, kind: Kind) -> None:
+def inject(loop: Loop, kind: Kind) -> None:
     """For the next tick."""
     if kind.what:
         loop.drives.set_faults([Fault(tick=loop.drives.counters.ticks + 1, **kind.what)])
@@ -208,9 +208,9 @@ def judge(kind: Kind, run: Outcome, rows: npt.NDArray[Any], before: npt.NDArray[
     )
 
 
-def one_run(loop: InProcess, scene: Scene, kind: Kind, tick: int, recover: bool) -> Outcome:
+def one_run(loop: Loop, scene: Scene, kind: Kind, tick: int, recover: bool) -> Outcome:
     """What follows one injection, in a copy of the loop."""
-    run, watch, start = Outcome(runs=1), Watch(), len(loop.rows)
+    run, watch, start = Outcome(runs=1), Watch(), loop.ticks
     before = loop.result(0).recording.rows[-1]
     loop.on_frame = watch
     inject(loop, kind)
@@ -237,7 +237,7 @@ def one_run(loop: InProcess, scene: Scene, kind: Kind, tick: int, recover: bool)
     return run
 
 
-def comes_back(loop: InProcess) -> int:
+def comes_back(loop: Loop) -> int:
     """1 when `clear`, then `start` render again, the fault being over and the hand away from the wall."""
     loop.on_frame = None
     loop.drives.set_faults([])
@@ -275,9 +275,9 @@ def in_a_copy(work: Callable[[], Outcome]) -> Outcome:
     return outcome
 
 
-def injections(scene: Scene, every: int, seconds: float) -> Iterator[tuple[InProcess, int, bool]]:
+def injections(scene: Scene, every: int, seconds: float) -> Iterator[tuple[Loop, int, bool]]:
     """The loop in contact before every n-th tick, the tick, and whether it is the first."""
-    loop = InProcess(scene)
+    loop = Loop(scene)
     first = np.array([hand(0)])
     loop.bring_up(lead_in(first, loop.drives.state.tip_pos_m))
     loop.command(int(lib.CR_COMMAND_START))

@@ -40,7 +40,7 @@ PYTHON_ROOMS: Rooms = {
     "bake": ("_native", "base", "mesh"),
     "replay": ("base",),
     "bus": ("_sim", "base"),
-    "loop": ("_native", "_sim", "base", "mesh", "bake", "replay", "bus"),
+    "loop": ("_sim", "base", "mesh", "bake", "replay", "bus"),
     "draw": ("base", "mesh", "bake", "replay"),
     "lab": ("crease", "base", "mesh", "bake", "replay", "draw"),
     "verbs": ("_sim", "base", "mesh", "bake", "replay", "bus", "loop", "draw", "lab"),

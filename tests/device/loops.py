@@ -8,7 +8,7 @@ import numpy as np
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene, open_scene
 from crease.bus.drives import Fault
-from crease.loop.hil import InProcess, hand_targets, lead_in
+from crease.loop.hil import Loop, hand_targets, lead_in
 from crease.replay.recording import Recording, recording_bytes, scene_crc32
 from crease.replay.trajectory import Trajectory, check_rows
 
@@ -28,7 +28,7 @@ def press_and_slide(top_m: float, depth_m: float) -> Trajectory:
     return check_rows(np.column_stack([t, position_m, turn]), "press and slide")
 
 
-def _until(loop: InProcess, modes: tuple[int, ...], target: list[float]) -> None:
+def _until(loop: Loop, modes: tuple[int, ...], target: list[float]) -> None:
     for _ in range(BRING_UP_MAX_TICKS):
         if loop.mode in modes:
             return
@@ -45,7 +45,7 @@ def closed_loop(scene: Scene, path: Trajectory) -> Recording:
     config.control.force_rate_max_N_s = 150.0
     config.control.power_max_W = 0.03
     lost = [Fault("drop", tick, 2, 1, id=0x192) for tick in (1280, 2600)]
-    loop = InProcess(scene, config, faults=lost)
+    loop = Loop(scene, config, faults=lost)
     targets = hand_targets(path, loop.config)
     loop.bring_up(lead_in(targets, loop.drives.state.tip_pos_m))
     loop.command(int(lib.CR_COMMAND_START))

@@ -13,7 +13,7 @@ from crease.base.scene import open_scene
 from crease.bus.dictionary import load
 from crease.bus.drives import Drives, Frame, Wire, wire_bits
 from crease.bus.schedule import cycle, frame_bits
-from crease.loop.hil import InProcess
+from crease.loop.hil import Loop
 from crease.replay.recording import fault_names
 
 TICKS = 3000
@@ -71,7 +71,7 @@ def test_loop_with_a_deadline_before_the_states_does_not_come_up(
     scene_crs: Path, deadline_us: int
 ) -> None:
     """SYNC and three states take 410 us and more: a tick at 400 us never has all three."""
-    loop = InProcess(open_scene(scene_crs), deadline_ns=1000 * deadline_us)
+    loop = Loop(open_scene(scene_crs), deadline_ns=1000 * deadline_us)
     for _ in range(TICKS):
         loop.tick()
     faults = fault_names(int(lib.cr_servo_get_status(loop.servo.c).faults))
@@ -79,7 +79,7 @@ def test_loop_with_a_deadline_before_the_states_does_not_come_up(
 
 
 def test_loop_with_the_deadline_of_the_schedule_misses_no_state(scene_crs: Path) -> None:
-    loop = InProcess(open_scene(scene_crs))
+    loop = Loop(open_scene(scene_crs))
     for _ in range(TICKS):
         loop.tick()
     rows = loop.result(0).recording.rows
@@ -96,7 +96,7 @@ def test_computation_within_the_budget_keeps_every_sync_in_time(
     scene_crs: Path, compute_us: int, in_time: bool
 ) -> None:
     """A torque frame that leaves too late holds up the next SYNC, and the states that follow it."""
-    loop = InProcess(open_scene(scene_crs), compute_ns=1000 * compute_us)
+    loop = Loop(open_scene(scene_crs), compute_ns=1000 * compute_us)
     for _ in range(TICKS):
         loop.tick()
     rows = loop.result(0).recording.rows

@@ -9,7 +9,7 @@ import pytest
 from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
 from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table
-from crease.loop.hil import InProcess, hand_targets, lead_in, resample, run_inprocess
+from crease.loop.hil import Loop, hand_targets, lead_in, resample, run_inprocess
 from crease.replay import recording as rec
 from crease.replay.measures import buzz_m_s2
 from crease.replay.trajectory import load_trajectory
@@ -159,7 +159,7 @@ def test_fault_of_a_simulated_drive_zeroes_the_torque_and_is_in_the_recording(
 
 
 def test_fault_clears_on_command_only(scene_crs: Path, slow_press_csv: Path) -> None:
-    loop = InProcess(open_scene(scene_crs))
+    loop = Loop(open_scene(scene_crs))
     targets = hand_targets(resample(load_trajectory(slow_press_csv)), loop.config)
     lead = lead_in(targets, loop.drives.state.tip_pos_m)
     loop.bring_up(lead)

@@ -8,24 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crease.base.errors import CreaseError
+from crease.base.native import lib
 from crease.base.scene import Scene, open_scene
+from crease.bus.drives import Fault, Frame
 from crease.draw.plot import NOTICEABLE_TURN_DEG
-from crease.loop.hil import run_inprocess
+from crease.loop import hil
 from crease.loop.loop import (
     FIRM_GRIP,
     LIGHT_GRIP,
-    Loop,
     Setup,
     at_speed,
     bound_N_m,
     hold,
     largest_stiffness,
+    open_loop,
     settles,
 )
 from crease.loop.places import cases, pad_scene, press_N
 from crease.replay.measures import buzz_m_s2, buzz_worst_m_s2, force_steps, loop_energy
 from crease.replay.recording import RECORD
 from crease.replay.trajectory import load_trajectory
+from frame_by_frame import FrameByFrame
 from host_tools import write_path
 from loop_contact import BUILD, drag_case, linear_setup
 
@@ -82,24 +85,47 @@ def test_bisection_finds_the_edge_and_says_when_there_is_none() -> None:
     assert largest_stiffness(lambda _: True, 100.0, 10000.0) == np.inf
 
 
-def test_lock_step_in_c_is_the_loop_of_crease_hil_to_the_bit(
-    folder: Path, scene_crs: Path, monkeypatch: pytest.MonkeyPatch
+def test_lock_step_in_c_is_the_loop_frame_by_frame_to_the_bit(
+    folder: Path, scene_crs: Path
 ) -> None:
-    down = np.linspace([0.0, 0.0, 0.014], [0.0, 0.0, 0.006], 300)
+    """Also under faults, with a tick that takes time, and in what passed over the wire."""
+    down = np.linspace([0.0, 0.0, 0.014], [0.0, 0.0, 0.006], 700)
     path = load_trajectory(write_path(folder / "down.csv", down))
     scene = open_scene(scene_crs)
-    python = run_inprocess(scene, path)
-    monkeypatch.setattr("crease.loop.loop.LEAD_TICKS", 600)
-    monkeypatch.setattr("crease.loop.loop.SETTLE_TICKS", 400)
-    from crease.loop.loop import drag
+    faults = [Fault("drop", 1280, 2, 1, id=0x192), Fault("silent", 1800, 20, axis=2)]
+    loop = hil.Loop(scene, faults=faults, compute_ns=30_000)
+    frames: list[tuple[float, Frame]] = []
+    loop.on_frame = lambda at_s, frame: frames.append((at_s, frame))
+    targets = hil.hand_targets(hil.resample(path), loop.config)
+    lead = hil.lead_in(targets, loop.drives.state.tip_pos_m)
+    loop.bring_up(lead)
+    hand = [*lead.tolist(), *[lead[-1].tolist()] * (loop.ticks - len(lead))]
+    loop.command(int(lib.CR_COMMAND_START))
+    loop.run(targets)
+    other = FrameByFrame(scene, faults, compute_ns=30_000)
+    for target in hand:
+        other.tick(target)
+    lib.cr_servo_input(other.servo.c, lib.CR_COMMAND_START)
+    for target in targets.tolist():
+        other.tick(target)
+    ours = loop.result()
+    assert ours.recording.rows["areas"].any()
+    assert ours.recording.rows["faults"].any()
+    for name in set(RECORD.names or ()) - {"tick_ns", "wake_late_ns"}:
+        assert ours.recording.rows[name].tobytes() == other.records[name].tobytes(), name
+    assert ours.mechanism.tobytes() == other.mechanism.tobytes()
+    assert frames == other.frames
 
-    c = drag(scene, Setup(), path)
-    count = len(c.recording)
-    assert python.recording.rows["areas"][:count].any()
-    for name in set(RECORD.names or ()) - {"frames", "tick_ns", "wake_late_ns"}:
-        ours, theirs = c.recording.rows[name], python.recording.rows[name][:count]
-        assert ours.tobytes() == theirs.tobytes(), name
-    assert c.mechanism.tobytes() == python.mechanism[:count].tobytes()
+
+def test_trouble_of_a_listener_stops_the_loop(scene_crs: Path) -> None:
+    loop = hil.Loop(open_scene(scene_crs))
+
+    def listen(_at_s: float, _frame: Frame) -> None:
+        raise CreaseError("the disk is full")
+
+    loop.on_frame = listen
+    with pytest.raises(CreaseError, match="the disk is full"):
+        loop.bring_up(np.zeros((1, 6)))
 
 
 def test_unknown_names_are_refused(scene_crs: Path) -> None:
@@ -111,7 +137,7 @@ def test_unknown_names_are_refused(scene_crs: Path) -> None:
         Setup(stiffness_N_m=-1.0),
     ):
         with pytest.raises(CreaseError):
-            Loop(scene, setup)
+            open_loop(scene, setup)
 
 
 def test_path_at_another_speed_keeps_its_way_and_starts_smoothly(folder: Path) -> None:

@@ -35,6 +35,14 @@ def test_sizes_are_those_of_c() -> None:
     assert RECORD.itemsize == ffi.sizeof("cr_record") == 512
 
 
+def test_arrays_put_together_keep_the_layout_of_c() -> None:
+    """NumPy packs what is not marked as aligned: a tick of 508 bytes is then no record."""
+    for kind in (RECORD, ZONE, MECHANISM):
+        both = np.concatenate([np.zeros(1, kind), np.zeros(2, kind)])
+        assert both.dtype == kind
+        assert both.nbytes == 3 * kind.itemsize
+
+
 def test_a_struct_in_a_struct_keeps_its_members() -> None:
     kind = record("cr_pose")
     assert kind.fields is not None

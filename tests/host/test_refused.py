@@ -8,7 +8,7 @@ import pytest
 from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
 from crease.bus.drives import Frame
-from crease.loop.hil import InProcess
+from crease.loop.hil import Loop
 from crease.replay.recording import fault_names
 
 TICKS = 700
@@ -19,7 +19,7 @@ ALIEN_TICK = 5
 def test_servo_that_hears_another_host_while_listening_sends_nothing(
     scene_crs: Path, cob: int
 ) -> None:
-    loop = InProcess(open_scene(scene_crs))
+    loop = Loop(open_scene(scene_crs))
     sent: list[Frame] = []
     loop.on_frame = lambda _, frame: sent.append(frame)
     alien = ffi.new("cr_frame *", {"id": cob, "size": 0})
@@ -35,7 +35,7 @@ def test_servo_that_hears_another_host_while_listening_sends_nothing(
 
 
 def test_refused_servo_listens_again_on_clear(scene_crs: Path) -> None:
-    loop = InProcess(open_scene(scene_crs))
+    loop = Loop(open_scene(scene_crs))
     lib.cr_servo_rx(loop.servo.c, ffi.new("cr_frame *", {"id": 0x080, "size": 0}))
     for _ in range(100):
         loop.tick()

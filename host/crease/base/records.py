@@ -49,5 +49,6 @@ def record(
             "formats": [_type_of(part) for _, part, _ in members],
             "offsets": [offset for _, _, offset in members],
             "itemsize": ffi.sizeof(kind),
-        }
+        },
+        align=True,  # else arrays put together lose what C leaves free at the end
     )

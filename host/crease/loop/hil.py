@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease import _sim
 from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.records import record
@@ -39,7 +40,9 @@ LEAD_TICKS = 600
 """How long the hand takes from where the device stands to the first pose of the path."""
 SETTLE_TICKS = 400
 """How long it then holds still before rendering starts: the drives are set up and calibrated meanwhile."""
-START_LIMIT_TICKS = 10_000
+BRING_UP_TICKS = 10_000
+"""At most, after the lead; the drives are enabled after about 600 from power-on."""
+PROGRESS_TICKS = 256
 
 MECHANISM = record("cr_lockstep_row")
 """What the simulator knows of the mechanism after each tick; frame of the base."""
@@ -117,8 +120,9 @@ def lead_in(
     return np.concatenate([way, np.repeat(targets[:1], settle_ticks, axis=0)])
 
 
-class InProcess:
-    """Servo and drives, frame by frame in lock-step: the same inputs give the same frames to the bit."""
+class Loop:
+    """Servo and drives in one process, in lock-step, all in C (host/native/lockstep.c): the same inputs give the same
+    frames to the bit."""
 
     def __init__(
         self,
@@ -126,24 +130,35 @@ class InProcess:
         config: Any | None = None,
         params: Params | None = None,
         faults: Sequence[Fault] = (),
+        at_once: bool = False,
         deadline_ns: int = DEADLINE_NS,
         compute_ns: int = 0,
     ) -> None:
-        """deadline_ns: after SYNC. compute_ns: how long a tick takes.
+        """deadline_ns: after SYNC. compute_ns: how long a tick takes. at_once: no time from sample to torque.
 
         Errors: CreaseError for a configuration, parameters or faults that are refused.
         """
         self.servo = Servo(scene, config)
-        self.drives = Drives(params, faults=faults)
-        self.wire = Wire(self.drives)
-        self.deadline_ns, self.compute_ns = deadline_ns, compute_ns
         self.config = self.servo.config
-        self.now_ns = 0
-        self.rows: list[bytes] = []
-        self.mechanism: list[tuple[Any, ...]] = []
+        self.drives = Drives(params, wall_clock=at_once, faults=faults)
+        self._wire = Wire(self.drives, 0, 0) if at_once else Wire(self.drives)
+        self._clock = ffi.new("cr_lockstep_clock *")
+        self._clock.period_ns, self._clock.period_s = PERIOD_NS, self.config.period_s
+        self._clock.deadline_ns, self._clock.compute_ns = deadline_ns, compute_ns
+        self._clock.at_once = int(at_once)
+        self._far = ffi.new("cr_lockstep_drives *")
+        self._far.sim = _pointer("void *", self.drives.c)
+        self._far.wire = _pointer("void *", self._wire.c)
+        for name in ("wire_put", "wire_get", "sim_target", "sim_read"):
+            address = _sim.ffi.addressof(_sim.lib, f"cr_{name}")
+            setattr(self._far, name.split("_")[1], _pointer("cr_lockstep_fn", address))
+        self._records: list[npt.NDArray[Any]] = []
+        self._rows: list[npt.NDArray[Any]] = []
+        self.ticks = 0
         self.on_frame: Callable[[float, Frame], None] | None = None
-        self._tx = ffi.new("cr_tx *")
-        self._frame = ffi.new("cr_frame *")
+        """Told of every frame: when, s, and what."""
+        self._seen = ffi.callback("void(uint64_t, cr_frame *)", self._see, onerror=self._catch)
+        self._caught: BaseException | None = None
 
     @property
     def mode(self) -> int:
@@ -154,74 +169,76 @@ class InProcess:
         """CR_COMMAND_* for the next tick."""
         lib.cr_servo_input(self.servo.c, bits)
 
-    def _to_drives(self, now_ns: int) -> None:
-        for i in range(self._tx.count):
-            item = self._tx.frames[i]
-            frame = Frame(int(item.id), bytes(item.data[0 : item.size]))
-            if self.on_frame is not None:
-                self.on_frame(now_ns * 1e-9, frame)
-            if not self.wire.put(frame, now_ns):
-                self.command(int(lib.CR_INPUT_SEND_FAILED))
+    def bump(self, impulse_Ns: F64) -> None:
+        """Knock against the tip, frame of the base."""
+        _sim.lib.cr_sim_bump(self.drives.c, [float(v) for v in impulse_Ns])
 
-    def _to_servo(self, until_ns: int, stop_when_ready: bool) -> int:
-        """What the wire brings until then, or until every drive has answered; gives when it was over."""
-        while (came := self.wire.get(until_ns)) is not None:
-            frame, at_ns = came
-            if self.on_frame is not None:
-                self.on_frame(at_ns * 1e-9, frame)
-            self._frame.id, self._frame.size = frame.id, len(frame.data)
-            ffi.memmove(self._frame.data, frame.data, len(frame.data))
-            lib.cr_servo_rx(self.servo.c, self._frame)
-            if stop_when_ready and lib.cr_servo_get_status(self.servo.c).ready:
-                return at_ns
-        return until_ns
+    def _see(self, at_ns: int, frame: Any) -> None:
+        if self.on_frame is not None:
+            data = bytes(ffi.buffer(frame.data, frame.size))
+            self.on_frame(at_ns * 1e-9, Frame(int(frame.id), data))
 
-    def tick(self, target: Sequence[float] | None = None) -> None:
-        """One period. target: where the hand wants the tip (3, m, base) and how the wrist stands (3, rad).
+    def _catch(self, _kind: Any, error: BaseException, _trace: Any) -> None:
+        self._caught = self._caught or error
 
-        As a device does it: SYNC; the tick once every drive has answered, or at the deadline; frames on the wire in
-        their true time.
-        """
-        self.now_ns += PERIOD_NS
-        self._to_servo(self.now_ns, stop_when_ready=False)
-        if target is not None:
-            self.drives.target(target[:3], target[3:])
-        lib.cr_servo_sync(self.servo.c, self.now_ns, self._tx)
-        self._to_drives(self.now_ns)
-        tick_ns = self._to_servo(self.now_ns + self.deadline_ns, stop_when_ready=True)
-        state = self.drives.state
-        lib.cr_servo_tick(self.servo.c, tick_ns, self.config.period_s, self._tx)
-        self._to_drives(tick_ns + self.compute_ns)
-        record = lib.cr_servo_get_record(self.servo.c)
-        self.rows.append(bytes(ffi.buffer(record, RECORD.itemsize)))
-        self.mechanism.append(
-            (
-                state.tip_pos_m,
-                state.tip_vel_m_s,
-                state.tip_acc_m_s2,
-                state.hand_force_N,
-                state.hand_target_m,
-                state.joint_torque,
+    def _run(self, targets: F64 | None, count: int, stop_modes: int) -> int:
+        records, rows = np.zeros(count, dtype=RECORD), np.zeros(count, dtype=MECHANISM)
+        self._far.seen = ffi.NULL if self.on_frame is None else self._seen
+        done = int(
+            lib.cr_lockstep_run(
+                self.servo.c,
+                self._far,
+                self._clock,
+                ffi.NULL if targets is None else ffi.from_buffer("double[]", targets),
+                count,
+                stop_modes,
+                ffi.from_buffer("cr_record[]", records, require_writable=True),
+                ffi.from_buffer("cr_lockstep_row[]", rows, require_writable=True),
             )
         )
+        self._records.append(records[:done])
+        self._rows.append(rows[:done])
+        self.ticks += done
+        caught, self._caught = self._caught, None
+        if caught is not None:
+            raise caught
+        return done
+
+    def run(self, targets: F64, stop_modes: int = 0) -> int:
+        """One tick a row of targets (n, 6): where the hand wants the tip, m, frame of the base, and the wrist, rad.
+
+        Ends early at a mode of stop_modes (bit 1 << CR_MODE_*).   Output: ticks done.   Errors: those of on_frame.
+        """
+        targets = np.ascontiguousarray(targets, dtype=np.float64)
+        return self._run(targets, len(targets), stop_modes)
+
+    def tick(self, target: Sequence[float] | None = None) -> None:
+        """One period; without a target the hand wants what it wanted before."""
+        self._run(None if target is None else np.array(target, dtype=np.float64), 1, 0)
 
     def bring_up(self, lead: F64) -> None:
-        """From power-on to idle, the hand on its way along `lead`.   Errors: LoopError when it does not get there."""
-        for k in range(START_LIMIT_TICKS):
-            self.tick(lead[min(k, len(lead) - 1)].tolist())
-            if self.mode == lib.CR_MODE_IDLE and k >= len(lead):
-                return
-            if self.mode == lib.CR_MODE_FAULT:
-                break
-        status = lib.cr_servo_get_status(self.servo.c)
-        why = ", ".join(fault_names(int(status.faults))) or "the drives do not come up"
-        raise LoopError(f"the loop did not reach idle after {len(self.rows)} ticks: {why}")
+        """From power-on to idle, the hand on its way along `lead` (n, 6), then at its end.   Errors: LoopError."""
+        idle, fault = int(lib.CR_MODE_IDLE), int(lib.CR_MODE_FAULT)
+        self.run(np.concatenate([lead, lead[-1:]]), 1 << fault)
+        if self.mode not in (idle, fault):
+            self.run(np.repeat(lead[-1:], BRING_UP_TICKS, axis=0), 1 << idle | 1 << fault)
+        if self.mode != idle:
+            status = lib.cr_servo_get_status(self.servo.c)
+            why = ", ".join(fault_names(int(status.faults))) or "the drives do not come up"
+            raise LoopError(f"the loop did not reach idle after {self.ticks} ticks: {why}")
 
-    def result(self, path_start: int) -> LoopResult:
+    def result(self, path_start: int = 0) -> LoopResult:
         """Everything so far."""
-        rows = np.frombuffer(b"".join(self.rows), dtype=RECORD)
+        # As bytes: what C leaves free at the end of a record is copied too, and a recording is the same every time.
+        rows = np.frombuffer(b"".join(part.tobytes() for part in self._records), dtype=RECORD)
+        self._records, self._rows = [rows], [np.concatenate(self._rows)]
         recording = Recording(rows, self.config, scene_crc32(self.servo.scene), "in process")
-        return LoopResult(recording, np.array(self.mechanism, dtype=MECHANISM), path_start)
+        return LoopResult(recording, self._rows[0], path_start)
+
+
+def _pointer(kind: str, value: Any) -> Any:
+    """An address of one extension in the types of the other."""
+    return ffi.cast(kind, int(_sim.ffi.cast("uintptr_t", value)))
 
 
 def run_inprocess(
@@ -235,18 +252,17 @@ def run_inprocess(
 ) -> LoopResult:
     """The operator leads the tool along a path; both ends of the bus in this process. Deterministic.
 
-    Errors: LoopError, or any CreaseError of scene, configuration and parameters.   Cost: about 0.4 ms a tick.
+    Errors: LoopError, or any CreaseError of scene, configuration and parameters.   Cost: about 0.07 ms a tick.
     """
-    loop = InProcess(scene, config, params, faults)
+    loop = Loop(scene, config, params, faults)
     loop.on_frame = on_frame
     targets = hand_targets(resample(path), loop.config)
     loop.bring_up(lead_in(targets, loop.drives.state.tip_pos_m))
     loop.command(int(lib.CR_COMMAND_START))
-    start = len(loop.rows)
-    for k, target in enumerate(targets.tolist()):
-        loop.tick(target)
-        if k % 256 == 0:
-            progress(k / len(targets))
+    start = loop.ticks
+    for at in range(0, len(targets), PROGRESS_TICKS):
+        progress(at / len(targets))
+        loop.run(targets[at : at + PROGRESS_TICKS])
     loop.command(int(lib.CR_COMMAND_STOP))
     loop.tick(targets[-1].tolist())
     return loop.result(start)

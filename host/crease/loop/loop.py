@@ -1,10 +1,9 @@
 """The closed loop as a measuring instrument: scene, device, hand and response in, arrays out.
 
-A run is servo, bus, drives, mechanism and hand in lock-step, all in C (`host/native/lockstep.c`). The same inputs give
-the same arrays to the bit.
+A run is a `Loop` of hil.py: the same inputs give the same arrays to the bit.
 
-    loop = Loop(scene, Setup(stiffness_N_m=2000, response="fixed45", hand=LIGHT_GRIP))
-    run = loop.drag(path)                       # the hand leads the tool along a path
+    setup = Setup(stiffness_N_m=2000, response="fixed45", hand=LIGHT_GRIP)
+    run = drag(scene, setup, path)              # the hand leads the tool along a path
     k = largest_stiffness(lambda k: holds(scene, replace(setup, stiffness_N_m=k), place))
 """
 
@@ -19,21 +18,18 @@ import numpy.typing as npt
 from scipy.signal import butter, sosfilt
 from scipy.spatial.transform import Rotation
 
-from crease import _sim
 from crease.base.errors import LoopError
 from crease.base.native import RESPONSES, ffi, lib
 from crease.base.scene import Scene
-from crease.bus.drives import BIT_NS, REACTION_NS, Drives, Params, Wire
+from crease.bus.drives import Params
 from crease.loop.hil import (
-    DEADLINE_NS,
-    MECHANISM,
     PERIOD_NS,
+    Loop,
     LoopResult,
     hand_targets,
     lead_in,
     resample,
 )
-from crease.replay.recording import RECORD, Recording, Servo, fault_names, scene_crc32
 from crease.replay.trajectory import Trajectory, check_rows
 
 F64 = npt.NDArray[np.float64]
@@ -43,8 +39,6 @@ Quaternion = tuple[float, float, float, float]
 PERIOD_S = 1e-9 * PERIOD_NS
 LEAD_TICKS, SETTLE_TICKS = 2000, 1500
 """The hand swings on the guide's mass at 1 Hz: a quick lead would still be felt when the path begins."""
-BRING_UP_TICKS = 4000
-"""The drives are enabled after about 600."""
 
 
 @dataclass(frozen=True)
@@ -137,93 +131,23 @@ def sim_params(setup: Setup) -> Params:
     return Params(axes=axes, **(values | dict(setup.params)))
 
 
-class Loop:
-    """Servo and drives, run many ticks at a time.   Errors: CreaseError for a set-up that is refused."""
-
-    def __init__(self, scene: Scene, setup: Setup, config: Any | None = None) -> None:
-        self.setup = setup
-        self.servo = Servo(scene, config or servo_config(setup))
-        self.config = self.servo.config
-        self.drives = Drives(sim_params(setup), wall_clock=setup.delay_s is not None)
-        self._clock = ffi.new("cr_lockstep_clock *")
-        self._clock.period_ns = PERIOD_NS
-        self._clock.period_s = self.config.period_s
-        self._clock.deadline_ns = DEADLINE_NS
-        self._clock.at_once = int(setup.delay_s is not None)
-        self._far = ffi.new("cr_lockstep_drives *")
-        self._far.sim = _pointer("void *", self.drives.c)
-        at_once = setup.delay_s is not None
-        self._wire = Wire(self.drives, 0, 0) if at_once else Wire(self.drives, BIT_NS, REACTION_NS)
-        self._far.wire = _pointer("void *", self._wire.c)
-        for name in ("wire_put", "wire_get", "sim_target", "sim_read"):
-            address = _sim.ffi.addressof(_sim.lib, f"cr_{name}")
-            setattr(self._far, name.split("_")[1], _pointer("cr_lockstep_fn", address))
-        self._records: list[npt.NDArray[Any]] = []
-        self._rows: list[npt.NDArray[Any]] = []
-        self.ticks = 0
-
-    @property
-    def mode(self) -> int:
-        """CR_MODE_* after the last tick."""
-        return int(lib.cr_servo_get_record(self.servo.c).mode)
-
-    def run(self, targets: F64, stop_modes: int = 0) -> int:
-        """One tick a row of targets (n, 6): tip m in the frame of the base, wrist rad.   Output: ticks done."""
-        targets = np.ascontiguousarray(targets, dtype=np.float64)
-        records = np.zeros(len(targets), dtype=RECORD)
-        rows = np.zeros(len(targets), dtype=MECHANISM)
-        done = int(
-            lib.cr_lockstep_run(
-                self.servo.c,
-                self._far,
-                self._clock,
-                ffi.from_buffer("double[]", targets),
-                len(targets),
-                stop_modes,
-                ffi.from_buffer("cr_record[]", records, require_writable=True),
-                ffi.from_buffer("cr_lockstep_row[]", rows, require_writable=True),
-            )
-        )
-        self._records.append(records[:done])
-        self._rows.append(rows[:done])
-        self.ticks += done
-        return done
-
-    def bring_up(self, targets: F64) -> None:
-        """From power-on to rendering, the hand on its way to the first target.   Errors: LoopError."""
-        lead = lead_in(targets, self.drives.state.tip_pos_m, LEAD_TICKS, SETTLE_TICKS)
-        self.run(np.concatenate([lead, lead[-1:]]), 1 << lib.CR_MODE_FAULT)
-        if self.mode not in (lib.CR_MODE_IDLE, lib.CR_MODE_FAULT):
-            rest = np.repeat(lead[-1:], BRING_UP_TICKS, axis=0)
-            self.run(rest, 1 << lib.CR_MODE_IDLE | 1 << lib.CR_MODE_FAULT)
-        if self.mode != lib.CR_MODE_IDLE:
-            status = lib.cr_servo_get_status(self.servo.c)
-            why = ", ".join(fault_names(int(status.faults))) or "the drives do not come up"
-            raise LoopError(f"the loop did not reach idle after {self.ticks} ticks: {why}")
-        lib.cr_servo_input(self.servo.c, lib.CR_COMMAND_START)
-
-    def bump(self, impulse_Ns: F64) -> None:
-        """Knock against the tip, frame of the base."""
-        _sim.lib.cr_sim_bump(self.drives.c, [float(v) for v in impulse_Ns])
-
-    def result(self, first_tick: int = 0) -> LoopResult:
-        """Everything so far."""
-        recording = Recording(
-            np.concatenate(self._records), self.config, scene_crc32(self.servo.scene), "lock-step"
-        )
-        return LoopResult(recording, np.concatenate(self._rows), first_tick)
+def open_loop(scene: Scene, setup: Setup) -> Loop:
+    """Both ends at power-on.   Errors: CreaseError for a set-up that is refused."""
+    at_once = setup.delay_s is not None
+    return Loop(scene, servo_config(setup), sim_params(setup), at_once=at_once)
 
 
-def _pointer(kind: str, value: Any) -> Any:
-    """An address of one extension in the types of the other."""
-    return ffi.cast(kind, int(_sim.ffi.cast("uintptr_t", value)))
+def bring_up(loop: Loop, targets: F64) -> None:
+    """From power-on to rendering in the next tick, the hand at the first target and at rest.   Errors: LoopError."""
+    loop.bring_up(lead_in(targets, loop.drives.state.tip_pos_m, LEAD_TICKS, SETTLE_TICKS))
+    loop.command(int(lib.CR_COMMAND_START))
 
 
 def drag(scene: Scene, setup: Setup, path: Trajectory) -> LoopResult:
     """The hand leads the tool along a path of the tool's pose in the world; path_start is the path's first tick."""
-    loop = Loop(scene, setup)
+    loop = open_loop(scene, setup)
     targets = hand_targets(resample(path), loop.config)
-    loop.bring_up(targets)
+    bring_up(loop, targets)
     start = loop.ticks
     loop.run(targets)
     return loop.result(start)
@@ -270,9 +194,9 @@ SWING_HZ = 3.0
 def hold(scene: Scene, setup: Setup, place: Place, press_N: float) -> LoopResult:
     """Press the tool against a place, a little aside, wait, knock, and watch; path_start is the tick of the knock.
 
-    Cost: 10 s of the device, about 0.6 s.   Errors: LoopError as Loop.bring_up.
+    Cost: 10 s of the device, about 0.6 s.   Errors: LoopError as bring_up.
     """
-    loop = Loop(scene, setup)
+    loop = open_loop(scene, setup)
     normal, across = (np.asarray(v) / np.linalg.norm(v) for v in (place.normal, place.across))
     sink_m = press_N / setup.stiffness_N_m + press_N / setup.hand.stiffness_N_m
     near = np.asarray(place.touch_m) + 5e-3 * normal
@@ -280,7 +204,7 @@ def hold(scene: Scene, setup: Setup, place: Place, press_N: float) -> LoopResult
     share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, APPROACH_TICKS))
     way = near + share[:, None] * (deep - near)
     targets = hand_targets(_straight(way, turn_between((0.0, 0.0, 1.0), normal)), loop.config)
-    loop.bring_up(targets)
+    bring_up(loop, targets)
     loop.run(targets)
     loop.run(np.repeat(targets[-1:], REST_TICKS, axis=0))
     start = loop.ticks

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease import _native
 from crease.base.scene import Scene, open_scene
 from crease.loop.loop import LIGHT_GRIP, NORMAL_GRIP, Hand, Place, Quaternion, turn_between
 
@@ -103,14 +102,12 @@ def pad_scene(folder: Path, spacing_m: float = 0.4e-3) -> Scene:
 def _bake(folder: Path, name: str, meshes_mm: dict[str, Any], spacing_m: float) -> Scene:
     """The image of two meshes, static first; kept while it is newer than what makes it."""
     from crease.bake.bake import BakeOptions, bake_scene
+    from crease.bake.scene_list import is_newer
     from crease.base.table import write_bytes
     from crease.mesh.mesh import load_mesh
 
     image = folder / f"{name}.crs"
-    package = Path(__file__).parents[1]
-    made_by = [Path(_native.__file__), Path(__file__), *package.glob("bake/*.py")]
-    newest_s = max(part.stat().st_mtime for part in made_by)
-    if not image.exists() or image.stat().st_mtime < newest_s:
+    if not is_newer(image, Path(__file__)):
         folder.mkdir(parents=True, exist_ok=True)
         for part, mesh in meshes_mm.items():
             mesh.export(folder / f"{part}.stl")
