@@ -28,14 +28,17 @@ def line(text: str, step_mm: float = STEP_MM, reach_mm: float = 30.0) -> paths.P
     return through(keys[:, :3], keys[:, 3:], step_mm, reach_mm)
 
 
-def through(position_mm: Floats, turn_deg: Floats, step_mm: float = STEP_MM, reach_mm: float = 30.0) -> paths.Path:
+def through(
+    position_mm: Floats, turn_deg: Floats, step_mm: float = STEP_MM, reach_mm: float = 30.0
+) -> paths.Path:
     """The same for arrays (n, 3): positions and rotation vectors."""
     moved = np.linalg.norm(np.diff(position_mm, axis=0), axis=1)
     swung = reach_mm * np.radians(np.linalg.norm(np.diff(turn_deg, axis=0), axis=1))
     spent = np.concatenate([[0.0], np.cumsum(np.maximum(moved + swung, 1e-9))])
     at = np.linspace(0.0, spent[-1], int(np.ceil(spent[-1] / step_mm)) + 1)
     position, turn = (
-        np.column_stack([np.interp(at, spent, v[:, k]) for k in range(3)]) for v in (position_mm, turn_deg)
+        np.column_stack([np.interp(at, spent, v[:, k]) for k in range(3)])
+        for v in (position_mm, turn_deg)
     )
     return position, Rotation.from_rotvec(np.radians(turn))
 
@@ -75,7 +78,9 @@ def gear_tip() -> paths.Path:
     return through(way, np.zeros_like(way), 0.05)
 
 
-def rocking(radius_deg: float, axis: tuple[float, float, float], z_mm: float, free_mm: float) -> paths.Path:
+def rocking(
+    radius_deg: float, axis: tuple[float, float, float], z_mm: float, free_mm: float
+) -> paths.Path:
     """Down, rocked to both sides about the tool's origin, up again."""
     turns = np.outer([0, 0, 1, -1, 1, 0, 0], radius_deg * np.array(axis))
     way = np.zeros((7, 3))
@@ -83,7 +88,7 @@ def rocking(radius_deg: float, axis: tuple[float, float, float], z_mm: float, fr
     return through(way, turns)
 
 
-RISER = "-30 0 10.5 | -30 0 9 | -9 0 9 | -9 0 24 | 5 0 24 | 5 0 25.5"
+RISER = "-30 0 12 | -30 0 9 | -9 0 9 | -9 0 24 | 5 0 24 | 5 0 27"
 LEGS = "0 0 {top} | 0 0 {low} | {side} 0 {low} | 0 0 {low} | 0 0 {top}"
 POCKET = (
     "0 0 2 {t} | 0 0 -1 {t} | 1.3 0 -1 {t} | 1.3 0.8 -1 {t} | 1.3 0.8 3 {t} | 0 0.8 3 {t} | 0 0 3 {t}"
@@ -95,13 +100,18 @@ PEG = (
     "| 0 -0.5 -12 0.5 0 0 | 0 0 -12 0.5 0 0 | 0 0 1 0.5 0 0"
 )
 SPANNER = (
-    "26 0 0 | 0 0 0 | 0 0 0 0 0 4.5 | 0 0 0 0 0 -4.5 | 0 0.5 0 0 0 -2 | 0 0.5 0 0 0 3 | 0 -0.4 0 0 0 0 | 0 0 0 | 26 0 0"
+    "-26 0 0 | 0 0 0 | 0 0 0 0 0 4.5 | 0 0 0 0 0 -4.5 | 0 0.5 0 0 0 -2 | 0 0.5 0 0 0 3 | 0 -0.4 0 0 0 0"
+    "| 0 0 0 | -26 0 0"
 )
-RING = "0.1 0 13 | 0.1 0 9 | 0.5 0 5 | 0 0.6 5 | 0 0 2 | 0 0 -0.6 | 0.6 0 -0.6 | 0.6 0 1 0 0.8 0 | 0 0 4 0 0.8 0 | 0 0 13"
-FORK = "25 0 0 | 0 0 0 | -0.8 0 0 | -0.8 0.7 0 | 0 0.7 0 | 0 -0.6 0 | 0.7 -0.6 0 0 0 1 | 1 0 0 | 25 0 0"
+RING = (
+    "0.1 0 13 | 0.1 0 9 | 0.5 0 5 | 0 0.6 5 | 0 0 2 | 0 0 -0.6 | 0.6 0 -0.6 | 0.6 0 1 0 0.8 0"
+    "| 0 0 4 0 0.8 0 | 0 0 13"
+)
+FORK = "-26 0 0 | 0 0 0 | 0.8 0 0 | 0.8 0.7 0 | 0 0.7 0 | 0 -0.6 0 | 0.7 -0.6 0 0 0 1 | 1 0 0 | -26 0 0"
 ELL = "0 0 10.5 | 0 0 9.6 | -10.4 0 9.6 | -10.2 0 10.2 | -10.8 0 9.4 | -8 0 9.4 | -8 0 10.5"
-TORUS = "30 -12 26 | 30 -12 23 | 30 0 23.6 | 36 8 20.5 | 30 14 20.3 | 20 18 24 | 20 18 27"
+TORUS = "30 -12 27 | 30 -12 23.6 | 30 0 23.6 | 36 8 22.3 | 30 14 23.3 | 20 18 23.8 | 20 18 27"
 SEAT = property_shapes.SEAT_MM
+SEATED = "0 0 {free} | 0 0 {down} | 1 0 {down} | 1 1 {aside} | 0 0 {down} | 0 0 {free}"
 
 PATHS: dict[str, Callable[[], paths.Path]] = {
     "over_edge_1": lambda: over_edge(0.0, 1.0),
@@ -119,9 +129,13 @@ PATHS: dict[str, Callable[[], paths.Path]] = {
         "0.1 -97 0 | 0.1 10 0 | 0.5 10 0 | -0.5 10 0 | 0.1 10 0 0.5 0 0.2 | 0.1 30 0 | 0.1 -97 0"
     ),
     "legs_ridge": lambda: line(LEGS.format(top=1.5, low=-1.0, side=2.0), 0.05),
-    "legs_ridge_deep": lambda: line("0 0 8.5 | 0 0 -2 | 6 0 -2 | -6 0 0 | -6 0 10"),
-    "legs_step": lambda: line("0 0 13.5 | 0 0 12 | 2.8 0 12 | -2.6 0 12.2 | 0 0 12.8 | 4 0 13.5", 0.05),
-    "legs_floor": lambda: line("0 0 1.2 | 0 0 -0.24 | 3 0 -0.24 | 3 0 -0.24 0 1 0 | 3 0 1.5 0 1 0", FINE_MM, 20.0),
+    "legs_ridge_deep": lambda: line("0 0 8.5 | 0 0 -2 | 6 0 -2 | -6 0 0 | -6 0 15"),
+    "legs_step": lambda: line(
+        "0 0 13.5 | 0 0 12 | 2.8 0 12 | -2.6 0 12.2 | 0 0 12.8 | 0 0 13.5", 0.05
+    ),
+    "legs_floor": lambda: line(
+        "0 0 1.2 | 0 0 -0.24 | 3 0 -0.24 | 3 0 -0.24 0 1 0 | 3 0 1.5 0 1 0", FINE_MM, 20.0
+    ),
     "riser": lambda: line(RISER, 0.05),
     "riser_turned": lambda: line("|".join(f"{key} 2 1.5 3" for key in RISER.split("|")), 0.05),
     "pocket": lambda: line(POCKET.format(t="0 0 0"), 0.05),
@@ -131,19 +145,26 @@ PATHS: dict[str, Callable[[], paths.Path]] = {
     "peg": lambda: line(PEG, 0.05),
     "spanner_hexagon": lambda: line(SPANNER, 0.1),
     "plate_press": lambda: line("-30 0 10.5 | -30 0 8.6 | -10 3 8.8 | -10 3 10.5", 0.05),
-    "plate_rim": lambda: line("-30 0 10.5 2 3 5 | -30 0 9.6 2 3 5 | 8 0 9.4 2 3 5 | 12 0 8 2 3 5 | 12 0 14 2 3 5"),
+    "plate_rim": lambda: line(
+        "-30 0 12 2 3 5 | -30 0 9.6 2 3 5 | 8 0 9.4 2 3 5 | 12 0 8 2 3 5 | 12 0 14 2 3 5"
+    ),
     "ball_torus": lambda: line(TORUS, 0.05),
-    "ball_saddle": lambda: line("-18 -8 24 | -18 -8 17 | 0 0 14.2 | 14 5 15.6 | 6 16 12.2 | 6 16 20", 0.05),
+    "ball_saddle": lambda: line(
+        "-18 -8 24 | -18 -8 17 | 0 0 14.2 | 14 5 15.6 | 6 16 12.2 | 6 16 20", 0.05
+    ),
     "ball_bowl": lambda: line("-8 0 18 | -8 0 14.6 | 0 0 14 | 6 5 14.4 | 3 9 15 | 3 9 18", 0.05),
     "ball_seat": lambda: line(
-        f"0 0 {SEAT + 0.5} | 0 0 {SEAT - 1.7} | 1 0 {SEAT - 1.7} | 1 1 {SEAT - 1} | 0 0 {SEAT - 1.7} | 0 0 {SEAT + 0.5}", 0.05
+        SEATED.format(free=SEAT + 0.5, down=SEAT - 1.7, aside=SEAT - 1.0), 0.05
     ),
-    "ball_countersink": lambda: line("0 0 2.8 | 0 0 0.51 | 0.8 0 0.51 | 0.8 0.8 1 | 0 0 0.51 | 0 0 2.8", FINE_MM),
+    "ball_countersink": lambda: line(
+        "0 0 2.8 | 0 0 0.51 | 0.8 0 0.51 | 0.8 0.8 1 | 0 0 0.51 | 0 0 2.8", FINE_MM
+    ),
     "gear_tip": gear_tip,
     "rock_wall": lambda: rocking(6.0, (0.3, 1.0, 0.0), 9.0, 10.5),
     "rock_edge": lambda: rocking(12.0, (0.2, 1.0, 0.1), 9.0, 10.5),
     "rock_loop": lambda: line(
-        "0 0 10.5 | 0 0 9.2 | 0 0 9.2 0 4 0 | 0 0 11.5 0 4 0 | 0 0 11.5 0 -3 0 | 0 0 9.4 0 -3 0 | 0 0 9.4 | 0 0 10.5", 0.05
+        "0 0 10.5 | 0 0 9.2 | 0 0 9.2 0 4 0 | 0 0 11.5 0 4 0 | 0 0 11.5 0 -3 0 | 0 0 9.4 0 -3 0 | 0 0 9.4 | 0 0 10.5",
+        0.05,
     ),
     "ring_boss": lambda: line(RING, 0.05),
     "boss_ring": lambda: inverse(line(RING, 0.05)),

@@ -44,9 +44,7 @@ def pads(lift_mm: Sequence[float], span_mm: float = 16.0) -> Mesh:
     plate = _solid((-22, -22, 8), (22, 22, 14))
     for (x, y), lift in zip(places, lift_mm, strict=True):
         centre = span_mm * x, span_mm * y
-        plate += _solid(
-            (centre[0] - 4, centre[1] - 4, lift), (centre[0] + 4, centre[1] + 4, 10)
-        )
+        plate += _solid((centre[0] - 4, centre[1] - 4, lift), (centre[0] + 4, centre[1] + 4, 10))
     return shapes.from_manifold(plate)
 
 
@@ -66,7 +64,14 @@ def legs(length_mm: float) -> Mesh:
 
 def ell() -> Mesh:
     """L-shaped tool: arm with its underside at z = -10 mm, leg with its inner face at x = 10 mm."""
-    outline = [(-30.0, -10.0), (10.0, -10.0), (10.0, -30.0), (30.0, -30.0), (30.0, 10.0), (-30.0, 10.0)]
+    outline = [
+        (-30.0, -10.0),
+        (10.0, -10.0),
+        (10.0, -30.0),
+        (30.0, -30.0),
+        (30.0, 10.0),
+        (-30.0, 10.0),
+    ]
     return shapes.prism_y(outline, -15.0, 15.0)
 
 
@@ -105,7 +110,14 @@ def hexagon() -> Mesh:
 def open_spanner() -> Mesh:
     """Open spanner of 19.4 mm gap about the origin, open towards +x, handle 50 mm towards -x, 6 mm thick."""
     outline = [(12.0, 9.7), (12.0, 17.0), (-18.0, 17.0), (-24.0, 6.0), (-60.0, 6.0), (-60.0, -6.0)]
-    outline += [(-24.0, -6.0), (-18.0, -17.0), (12.0, -17.0), (12.0, -9.7), (-12.0, -9.7), (-12.0, 9.7)]
+    outline += [
+        (-24.0, -6.0),
+        (-18.0, -17.0),
+        (12.0, -17.0),
+        (12.0, -9.7),
+        (-12.0, -9.7),
+        (-12.0, 9.7),
+    ]
     made = mf.CrossSection([np.array(outline)], mf.FillRule.NonZero)
     if made.area() <= 0.0:
         made = mf.CrossSection([np.array(outline)[::-1]])
@@ -127,12 +139,17 @@ def saddle() -> Mesh:
     top = np.column_stack([x, y, (x * x - y * y) / 80.0])
     bottom = np.column_stack([x, y, np.full(n * n, -20.0)])
     index = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (v.ravel() for v in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    a, b, c, d = (
+        v.ravel() for v in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    )
     up = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     rim = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
     after = np.roll(rim, -1)
     sides = np.concatenate(
-        [np.column_stack([rim, rim + n * n, after]), np.column_stack([after, rim + n * n, after + n * n])]
+        [
+            np.column_stack([rim, rim + n * n, after]),
+            np.column_stack([after, rim + n * n, after + n * n]),
+        ]
     )
     return np.concatenate([top, bottom]), np.concatenate([up, up[:, ::-1] + n * n, sides])
 
@@ -154,7 +171,11 @@ def gear_outline() -> Outline:
     """Involute gear, counter-clockwise: module 4 mm, 12 teeth, 20 degrees; radial flanks below the base circle."""
     pressure = np.radians(GEAR_PRESSURE_DEG)
     pitch = 0.5 * GEAR_MODULE_MM * GEAR_TEETH
-    base, tip, root = pitch * np.cos(pressure), pitch + GEAR_MODULE_MM, pitch - 1.25 * GEAR_MODULE_MM
+    base, tip, root = (
+        pitch * np.cos(pressure),
+        pitch + GEAR_MODULE_MM,
+        pitch - 1.25 * GEAR_MODULE_MM,
+    )
     radius = np.linspace(base, tip, 12)
     spread = np.sqrt((radius / base) ** 2 - 1.0)
     half = np.pi / (2 * GEAR_TEETH) + np.tan(pressure) - pressure - (spread - np.arctan(spread))
@@ -171,7 +192,9 @@ def gear() -> Mesh:
     """The gear, 10 mm wide about z = 0."""
     outline = np.array(gear_outline())
     assert Polygon(outline).exterior.is_ccw
-    return shapes.from_manifold(mf.CrossSection([outline]).extrude(10.0).translate([0.0, 0.0, -5.0]))
+    return shapes.from_manifold(
+        mf.CrossSection([outline]).extrude(10.0).translate([0.0, 0.0, -5.0])
+    )
 
 
 def boss() -> Mesh:
@@ -189,7 +212,14 @@ def ring() -> Mesh:
 
 def fork() -> Mesh:
     """Fork open towards +x with a gap of 20.4 mm, its bottom at x = -10.2 mm, 8 mm thick."""
-    outline = [(15.0, 10.2), (15.0, 18.0), (-20.0, 18.0), (-20.0, -18.0), (15.0, -18.0), (15.0, -10.2)]
+    outline = [
+        (15.0, 10.2),
+        (15.0, 18.0),
+        (-20.0, 18.0),
+        (-20.0, -18.0),
+        (15.0, -18.0),
+        (15.0, -10.2),
+    ]
     outline += [(-10.2, -10.2), (-10.2, 10.2)]
     made = mf.CrossSection([np.array(outline)]).extrude(8.0).translate([0.0, 0.0, -4.0])
     return shapes.from_manifold(made)
@@ -200,19 +230,39 @@ def spike() -> Mesh:
     reach, high = 15.0 * np.sqrt(2.0), 15.0
     angle = np.radians([20.0, 140.0, 260.0])
     foot = np.column_stack([reach * np.cos(angle), reach * np.sin(angle), np.full(3, -high)])
-    return shapes.from_manifold(mf.Manifold.hull_points(np.vstack([[0.0, 0.0, 0.0], foot]).tolist()))
+    return shapes.from_manifold(
+        mf.Manifold.hull_points(np.vstack([[0.0, 0.0, 0.0], foot]).tolist())
+    )
 
 
-STEP: Outline = [(-60.0, -10.0), (60.0, -10.0), (60.0, 0.0), (10.0, 0.0), (10.0, 12.5), (-10.0, 12.5)]
+STEP: Outline = [
+    (-60.0, -10.0),
+    (60.0, -10.0),
+    (60.0, 0.0),
+    (10.0, 0.0),
+    (10.0, 12.5),
+    (-10.0, 12.5),
+]
 STEP += [(-10.0, 0.0), (-60.0, 0.0)]
-RISER: Outline = [(-60.0, -20.0), (40.0, -20.0), (40.0, 15.0), (0.0, 15.0), (0.0, 0.0), (-60.0, 0.0)]
+RISER: Outline = [
+    (-60.0, -20.0),
+    (40.0, -20.0),
+    (40.0, 15.0),
+    (0.0, 15.0),
+    (0.0, 0.0),
+    (-60.0, 0.0),
+]
 
 MESHES: dict[str, Callable[[], Mesh]] = {
-    "table": lambda: box((-85, -28, -25), (0, 28, 0)),
+    "table": lambda: box((-85, -44, -25), (0, 44, 0)),
     "floor": lambda: box((-32, -32, -12), (32, 32, 0)),
-    "floor_fine": lambda: shapes.tessellated_box((-32.0, -32.0, -12.0), (32.0, 32.0, 0.0), 2000, 11),
+    "floor_fine": lambda: shapes.tessellated_box(
+        (-32.0, -32.0, -12.0), (32.0, 32.0, 0.0), 2000, 11
+    ),
     "block60": lambda: box((-30, -20, -10), (30, 20, 10)),
-    "block60_fine": lambda: shapes.tessellated_box((-30.0, -20.0, -10.0), (30.0, 20.0, 10.0), 2000, 12),
+    "block60_fine": lambda: shapes.tessellated_box(
+        (-30.0, -20.0, -10.0), (30.0, 20.0, 10.0), 2000, 12
+    ),
     "cube20_12": lambda: box((-10,) * 3, (10,) * 3),
     "pads1": lambda: pads([0.0]),
     "pads2": lambda: pads([0.0, 0.0]),

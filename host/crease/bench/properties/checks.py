@@ -1,6 +1,7 @@
 """P1 to P9, each a function of what was measured on one scene, with its bound.
 
-The properties assume no formula: what is compared is a force, booleans of the two solids, planes of faces, or a second answer.
+The properties assume no formula: a force is compared with booleans of the two solids, planes of faces, or a second
+answer.
 Where a scene does not pose a question the check returns nothing, and nothing is rated.
 """
 
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from crease.bench.properties.answers import Answer, Ask, refined
 from crease.bench.properties.geometry import (
     F64,
+    S_MAX,
     Overlap,
     Pair,
     face_normals,
@@ -83,10 +85,17 @@ class Case:
     ask: Ask | None = field(repr=False)
     twins: Mapping[str, Answer] = field(default_factory=dict, repr=False)
     clear_poses: int = 60
+    jams: dict[int, bool] = field(default_factory=dict, repr=False)
 
     def deep(self) -> list[int]:
         """Places in `at` where the overlap is thicker than DEEP_MM."""
         return [i for i, o in enumerate(self.overlaps) if o.thickness_mm > DEEP_MM]
+
+    def is_jammed(self, i: int) -> bool:
+        """Whether no way leads out at place i; found once, for all answers."""
+        if i not in self.jams:
+            self.jams[i] = self.pair.is_jammed(self.poses[self.at[i]], self.overlaps[i])
+        return self.jams[i]
 
     def force_mm(self, i: int) -> F64:
         """Force over stiffness at place i of `at`."""
@@ -112,7 +121,19 @@ def flat(case: Case) -> list[Finding]:
         largest = max(largest, float(np.linalg.norm(force)) / depth)
     if not errors:
         return []
-    return [Finding("flat_error", max(errors), FLAT_MAX), Finding("flat_largest", largest)]
+    return [
+        Finding("flat_error", max(errors), FLAT_MAX),
+        Finding("flat_largest", largest),
+        *_half_on(case),
+    ]
+
+
+def _half_on(case: Case) -> list[Finding]:
+    """The largest force while the middle of the tool lies on the table, x <= 0."""
+    if case.scene.static != "table.stl":
+        return []
+    lies = case.poses[:, 0] <= 0.0
+    return [Finding("half_on_mm", float(_size(case.answer.way_mm[lies]).max(initial=0.0)))]
 
 
 def _held_depth(pair: Pair, overlap: Overlap, z: float) -> float | None:
@@ -132,25 +153,29 @@ def _held_depth(pair: Pair, overlap: Overlap, z: float) -> float | None:
 
 
 def clearing(case: Case) -> list[Finding]:
-    """P2: at 95 % of the poses deeper than DEEP_MM, 0.9 < s <= 1.05. Jammed scenes are not rated."""
+    """P2: at 95 % of the poses deeper than DEEP_MM, 0.9 < s <= 1.05; P7: where no way leads out, a bounded force.
+
+    A pose is asked for a way out only where the force does not lead out. Scenes that are jammed as a whole have no P2.
+    """
     deep = case.deep()
     deep = deep[:: max(1, -(-len(deep) // case.clear_poses))]
-    if not deep or case.scene.jammed:
-        return []
-    s = np.array(
-        [
-            case.pair.clearing(case.poses[case.at[i]], case.overlaps[i].volume_mm3, case.force_mm(i))
-            for i in deep
-        ]
-    )
-    outside = float(((s <= CLEAR_BAND[0]) | (s > CLEAR_BAND[1])).mean())
-    low, middle, high = np.percentile(s, [5, 50, 95])
-    return [
-        Finding("clear_outside", outside, 0.05),
-        Finding("clear_p5", float(low)),
-        Finding("clear_p50", float(middle)),
-        Finding("clear_p95", float(high)),
-    ]
+    factors, jams = [], []
+    for i in deep:
+        pose, overlap, force = case.poses[case.at[i]], case.overlaps[i], case.force_mm(i)
+        s = S_MAX if case.scene.jammed else case.pair.clearing(pose, overlap.volume_mm3, force)
+        if s > CLEAR_BAND[1] and case.is_jammed(i):
+            jams.append(float(np.linalg.norm(force)) / overlap.thickness_mm)
+        else:
+            factors.append(s)
+    out = []
+    if factors and not case.scene.jammed:
+        spread = np.array(factors)
+        outside = float(((spread <= CLEAR_BAND[0]) | (spread > CLEAR_BAND[1])).mean())
+        out.append(Finding("clear_outside", outside, 0.05))
+        out += [Finding(f"clear_p{p}", float(np.percentile(spread, p))) for p in (5, 50, 95)]
+    if jams:
+        out += [Finding("jam_largest", max(jams)), Finding("jam_poses", float(len(jams)))]
+    return out
 
 
 def continuity(case: Case) -> list[Finding]:
@@ -234,7 +259,9 @@ def energy(case: Case) -> list[Finding]:
         return []
     moved = np.diff(case.poses[:, :3], axis=0)
     swung = _turns(case.poses)
-    work = 0.5 * float(((way[1:] + way[:-1]) * moved).sum() + ((turn[1:] + turn[:-1]) * swung).sum())
+    work = 0.5 * float(
+        ((way[1:] + way[:-1]) * moved).sum() + ((turn[1:] + turn[:-1]) * swung).sum()
+    )
     return [Finding("energy_share", abs(work) / stored, ENERGY_MAX)]
 
 
@@ -305,7 +332,9 @@ def _torque_error(pair: Pair, pose: F64, direction: F64, lever: F64) -> float:
     here, error = pair.exit_mm(pose, direction), np.zeros(3)
     for axis in range(3):
         ends = [
-            -sign * (pair.exit_mm(_turned(pose, axis, sign * TURN_RAD), direction) - here) / TURN_RAD
+            -sign
+            * (pair.exit_mm(_turned(pose, axis, sign * TURN_RAD), direction) - here)
+            / TURN_RAD
             for sign in (-1.0, 1.0)
         ]
         room = 1e-3 * pair.radius_mm

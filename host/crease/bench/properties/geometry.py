@@ -1,7 +1,8 @@
 """What booleans say about two solids in a pose: overlap or none, how thick, and whether a move leads out.
 
-Nothing here knows a contact force. Lengths in mm throughout. Two of a pose's facts need a definition:
+Nothing here knows a contact force. Lengths in mm throughout. Three of a pose's facts need a definition:
 thickness   the least extent of a piece of overlap along the normals of its own faces; of several pieces the largest
+jammed      no shift of some thicknesses leads out, along any direction tried
 clearing s  the least s such that the tool, moved by s F/k, leaves no overlap
 """
 
@@ -21,14 +22,18 @@ F64 = npt.NDArray[np.float64]
 
 GONE_MM3 = 1e-7
 GONE_SHARE = 1e-9
-"""Overlap smaller than this, or than this share of what there was, is gone: 0.001 of the way in a corner, less elsewhere."""
+"""Overlap below this, or this share of what there was, is gone: 0.001 of the way in a corner, less elsewhere."""
 
 NORMALS_MAX = 120
 """Normals of a piece along which its extent is taken: those of curved pieces are thinned out."""
 
+JAM_REACH = (1.2, 2.5, 5.0)
+WAYS_MAX = 12
+"""Normals of faces touched that are tried, and their pairs, to find a way out of a jam: the largest faces."""
+
 S_MAX = 4.0
 S_TRIES = (1.05, 1.3, 1.7, 2.2, 3.0, S_MAX)
-"""Moves tried before the bisection. A force that is less than a quarter of the way out, or points elsewhere, is S_MAX."""
+"""Moves tried before the bisection. A force below a quarter of the way out, or that points elsewhere, is S_MAX."""
 
 
 def rotation(quaternion: F64) -> F64:
@@ -45,7 +50,7 @@ def rotation(quaternion: F64) -> F64:
 
 @dataclass(frozen=True)
 class Overlap:
-    """The overlap in a pose, world frame: its volume, thickness, corners of its faces (m, 3, 3), which are the obstacle's.
+    """The overlap in a pose, world frame: volume, thickness, corners of its faces (m, 3, 3), which are the obstacle's.
 
     `piece` (m,): number of the piece that a face belongs to.
     """
@@ -67,7 +72,9 @@ class Pair:
 
     def __init__(self, static: Mesh, tool: Mesh) -> None:
         """Errors: MeshError."""
-        solids = [to_manifold(1e3 * m.vertices_m, m.triangles, 2e-5).as_original() for m in (static, tool)]
+        solids = [
+            to_manifold(1e3 * m.vertices_m, m.triangles, 2e-5).as_original() for m in (static, tool)
+        ]
         self.static, self.tool = (solid.simplify(2e-5) for solid in solids)
         self.static_vertices, self.tool_vertices = (_vertices(s) for s in (self.static, self.tool))
         self.radius_mm = float(np.linalg.norm(self.tool_vertices, axis=1).max())
@@ -125,6 +132,16 @@ class Pair:
             low, high = (low, middle) if is_clear(middle) else (middle, high)
         return high
 
+    def is_jammed(self, pose: F64, overlap: Overlap) -> bool:
+        """Whether no shift of JAM_REACH thicknesses leads out: along normals touched, their pairs, and axes."""
+        tool, gone = self.moved(pose), max(GONE_MM3, GONE_SHARE * overlap.volume_mm3)
+        for direction in _ways_out(overlap):
+            for reach in JAM_REACH:
+                shift = (reach * overlap.thickness_mm * direction).tolist()
+                if float((self.static ^ tool.translate(shift)).volume()) <= gone:
+                    return False
+        return True
+
     def exit_mm(self, pose: F64, direction: F64) -> float:
         """How far along a unit direction the tool has to go until both hulls are apart; 0 when they are."""
         turned = self._tool_hull @ rotation(pose[3:]).T
@@ -137,9 +154,11 @@ class Pair:
         return float((below[ahead > 1e-9] / ahead[ahead > 1e-9]).min())
 
     def border_mm(self, z_mm: float, point: F64) -> float:
-        """Distance in the plane from points (n, 3) to the border of the obstacle's cut just below z; the largest of them."""
+        """Largest distance of points (n, 3), in the plane, from the border of the obstacle's cut just below z."""
         if z_mm not in self._borders:
-            self._borders[z_mm] = [np.asarray(p) for p in self.static.slice(z_mm - 1e-3).to_polygons()]
+            self._borders[z_mm] = [
+                np.asarray(p) for p in self.static.slice(z_mm - 1e-3).to_polygons()
+            ]
         far = np.full(len(point), np.inf)
         for ring in self._borders[z_mm]:
             a, b = ring, np.roll(ring, -1, axis=0)
@@ -167,6 +186,19 @@ def _thickness(corners_mm: F64) -> float:
     normals = normals[:: max(1, len(normals) // NORMALS_MAX)]
     heights = corners_mm.reshape(-1, 3) @ normals.T
     return float(np.ptp(heights, axis=0).min())
+
+
+def _ways_out(overlap: Overlap) -> F64:
+    """Unit directions (m, 3)."""
+    normals, area = face_normals(overlap.corners_mm[overlap.from_static])
+    rounded, index = np.unique(np.round(normals, 1), axis=0, return_inverse=True)
+    weight = np.bincount(index.reshape(-1), area)
+    touched = rounded[np.argsort(-weight)[:WAYS_MAX]]
+    pairs = (touched[:, None] + touched[None]).reshape(-1, 3)
+    ways = np.concatenate([touched, pairs, np.eye(3), -np.eye(3)])
+    length = np.linalg.norm(ways, axis=1)
+    ways = ways[length > 0.1] / length[length > 0.1, None]
+    return np.unique(np.round(ways, 3), axis=0)
 
 
 def width_mm(points: F64, normal: F64) -> float:

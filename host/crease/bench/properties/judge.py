@@ -31,6 +31,10 @@ class Effort:
     repeat: int = 3
 
 
+SILENT_MAX = 0.5
+"""A response that is silent in more than this share of the deep poses of a scene keeps nothing there: no force does not
+jump, does not amplify and makes no energy."""
+
 QUICK = Effort(poses=16, clear_s=0.06, repeat=1)
 
 
@@ -45,15 +49,20 @@ class Stage:
     at: npt.NDArray[np.int64] = field(repr=False)
     overlaps: list[Overlap] = field(repr=False)
     clear_poses: int
+    jams: dict[int, bool] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one response does on one scene. `findings`: by property; times over the ticks in contact, us."""
+    """What one response does on one scene.
+
+    findings: by property. silent: share of the deep poses without force. Times over the ticks in contact, us.
+    """
 
     scene: PropertyScene
     response: str
     findings: Mapping[str, list[Finding]]
+    silent: float
     tick_p50_us: float
     tick_p99_us: float
 
@@ -62,9 +71,12 @@ class Row:
         return {f.key: f.value for group in self.findings.values() for f in group}
 
     def verdicts(self) -> dict[str, bool]:
-        """Whether each property that the scene rates is kept."""
+        """Whether each property that the scene rates is kept; none where the response is silent."""
         rated = {name: [f for f in group if f.rated] for name, group in self.findings.items()}
-        return {name: all(f.kept for f in group) for name, group in rated.items() if group}
+        heard = self.silent <= SILENT_MAX
+        return {
+            name: heard and all(f.kept for f in group) for name, group in rated.items() if group
+        }
 
     def excess(self) -> dict[str, float]:
         """The largest value over its bound of each property that is rated."""
@@ -79,7 +91,9 @@ def make_stage(scene: PropertyScene, meshes: Path, pair: Pair, effort: Effort) -
     """Look along the path, then closely at some poses in contact.   Errors: CreaseError."""
     file = meshes / scene.path
     if not file.exists():
-        raise CreaseError(f"{file}: is missing; run `make meshes`, or name its folder with --meshes")
+        raise CreaseError(
+            f"{file}: is missing; run `make meshes`, or name its folder with --meshes"
+        )
     poses = poses_mm(load_trajectory(file))
     looks = np.unique(np.linspace(0, len(poses) - 1, min(LOOKS, len(poses))).astype(np.int64))
     start = time.perf_counter()
@@ -102,18 +116,25 @@ def make_stage(scene: PropertyScene, meshes: Path, pair: Pair, effort: Effort) -
     )
 
 
-def judge(stage: Stage, response: str, answer: Answer, ask: Ask | None, twins: Mapping[str, Answer]) -> Row:
+def judge(
+    stage: Stage, response: str, answer: Answer, ask: Ask | None, twins: Mapping[str, Answer]
+) -> Row:
     """One answer through all checks."""
     case = Case(
         stage.scene, stage.pair, stage.poses, stage.steps_mm, stage.at, stage.overlaps, answer, ask, twins,
-        stage.clear_poses,
+        stage.clear_poses, stage.jams,
     )  # fmt: skip
-    findings = {name: [f for check in checks for f in check(case)] for name, checks in CHECKS.items()}
+    findings = {
+        name: [f for check in checks for f in check(case)] for name, checks in CHECKS.items()
+    }
     times = answer.time_us[answer.touches] if answer.touches.any() else np.array([np.nan])
+    deep = case.deep()
+    silent = float(np.mean([not case.force_mm(i).any() for i in deep])) if deep else 0.0
     return Row(
         stage.scene,
         response,
         findings,
+        silent,
         float(np.percentile(times, 50)),
         float(np.percentile(times, 99)),
     )

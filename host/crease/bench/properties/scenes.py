@@ -17,7 +17,12 @@ from crease.table import write_bytes
 
 MM = 1e-3
 ROOT = Path(crease.__file__).resolve().parents[2]
-BAKE_C = ("host/native/bake.*", "host/native/probe.*", "firmware/**/image.h", "firmware/**/config.h")
+BAKE_C = (
+    "host/native/bake.*",
+    "host/native/probe.*",
+    "firmware/**/image.h",
+    "firmware/**/config.h",
+)
 """C sources that decide what an image holds; the extension itself also changes with every change of the tick."""
 
 

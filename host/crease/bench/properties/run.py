@@ -1,0 +1,92 @@
+"""The benchmark: scenes and responses chosen, judged, and written as CSV, tables and figures."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from crease.bench.properties.answers import RESPONSES
+from crease.bench.properties.figures import draw_scenes, draw_time
+from crease.bench.properties.judge import QUICK, Effort, Row, judge_all
+from crease.bench.properties.scenes import PropertyScene, load_scenes
+from crease.bench.properties.tables import markdown, read_csv, scene_table, summary_table, to_csv
+from crease.bench.setup import BenchSetup
+from crease.errors import CreaseError
+from crease.experiment.setup import Result, machine
+from crease.native import RESPONSES as KNOWN
+from crease.replay import ReplayOptions
+from crease.table import write_bytes
+
+CSV = "properties.csv"
+MARKDOWN = "properties.md"
+
+
+def choose_scenes(table: dict[str, PropertyScene], names: Sequence[str]) -> list[PropertyScene]:
+    """The named scenes, and before them those that they are compared with; all when none is named.
+
+    Errors: CreaseError for a name that is not there.
+    """
+    if unknown := [name for name in names if name not in table]:
+        raise CreaseError(f"no scene {', '.join(unknown)}; there are {', '.join(table)}")
+    wanted = set(names or table)
+    wanted |= {t for n in list(wanted) for t in (table[n].twin, table[n].exchanged) if t}
+    return [scene for name, scene in table.items() if name in wanted]
+
+
+def choose_responses(names: Sequence[str], quick: bool) -> list[tuple[str, ReplayOptions]]:
+    """By name: one of RESPONSES, or any other response of the library. A quick look takes the first only.
+
+    Errors: CreaseError.
+    """
+    default = dict(RESPONSES)
+    known = {**{name: ReplayOptions(response=name) for name in KNOWN}, **default}
+    if unknown := [name for name in names if name not in known]:
+        raise CreaseError(f"no response {', '.join(unknown)}; there are {', '.join(known)}")
+    chosen = names or list(default)[: 1 if quick else None]
+    return [(name, known[name]) for name in chosen]
+
+
+def run(setup: BenchSetup) -> Result:
+    """Judge, and write what was found into setup.out.   Errors: CreaseError."""
+    scenes = choose_scenes(load_scenes(setup.property_scenes), setup.scenes)
+    responses = choose_responses(setup.responses, setup.quick)
+    effort = QUICK if setup.quick else Effort(repeat=min(setup.repeat, 3))
+    images = setup.images / "by_content"
+    rows = list(
+        judge_all(
+            scenes,
+            responses,
+            setup.meshes,
+            images,
+            effort,
+            lambda t: print(t, file=sys.stderr, flush=True),
+        )
+    )
+    result = Result(
+        "properties",
+        "Properties of the contact force",
+        "P1 to P9 by booleans and planes, without a reference force; what breaks its bound stands in asterisks. "
+        f"Machine: {machine()}.",
+    )
+    text = to_csv(rows)
+    records = read_csv(text)
+    names = list(dict.fromkeys(row.response for row in rows))
+    tables = [summary_table(records), *(scene_table(records, name) for name in names)]
+    result.tables += tables[: 2 if len(names) == 1 else 1]
+    write_bytes(setup.out / CSV, text.encode())
+    parts = "\n\n".join(f"## {table.caption}\n\n{markdown(table)}" for table in tables)
+    write_bytes(setup.out / MARKDOWN, f"{parts}\n".encode())
+    result.files += [CSV, MARKDOWN]
+    draw(setup, result, rows, names)
+    return result
+
+
+def draw(setup: BenchSetup, result: Result, rows: Sequence[Row], names: Sequence[str]) -> None:
+    """A figure for each response, and one of run time against properties."""
+    for name in names:
+        mine = [row for row in rows if row.response == name]
+        caption = "Each cell: value over bound. Blank: the scene does not ask."
+        setup.write_figure(result, f"properties_{name}.png", draw_scenes(mine, name), caption)
+    setup.write_figure(
+        result, "properties.png", draw_time(rows), "Up and left is better: more kept, in less time."
+    )
