@@ -25,7 +25,7 @@ Exact = dict[str, F64]
 class BenchSetup(Setup):
     """Folders as for the experiments; where the exact tables are, points of rivals, and whether to be quick.
 
-    property_scenes, scenes, responses: of `properties`; nothing named means all.
+    property_scenes, scenes, responses, search: of `properties`; nothing named means all.
     """
 
     exact: Path = Path("tests/golden/exact")
@@ -34,6 +34,7 @@ class BenchSetup(Setup):
     property_scenes: Path = Path("meshes/property_scenes.toml")
     scenes: tuple[str, ...] = ()
     responses: tuple[str, ...] = ()
+    search: bool = False
 
     def exact_of(self, path: str) -> Exact:
         """The exact table of a path, thinned out as the path is.   Errors: CreaseError."""

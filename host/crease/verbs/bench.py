@@ -48,7 +48,7 @@ def add_parser(sub: SubParsers) -> None:
         "--peers",
         metavar="FILE",
         type=Path,
-        help="points of rival libraries, from `make bench-peers`",
+        help="of rival libraries: points, from `make bench-peers`; properties: folder of answers",
     )
     parser.add_argument(
         "--repeat", metavar="N", type=whole, default=20, help="times are the least of N runs (20)"
@@ -69,6 +69,9 @@ def add_parser(sub: SubParsers) -> None:
         type=words,
         default=(),
         help="properties: only these responses",
+    )
+    parser.add_argument(
+        "--search", action="store_true", help="properties: the worst poses near the paths instead"
     )
     add_force(parser)
     parser.set_defaults(run=run)
@@ -99,7 +102,7 @@ def run(args: argparse.Namespace) -> None:
     setup = BenchSetup(
         args.meshes, args.images, out, every, repeat,
         exact=args.exact, peers=args.peers, quick=args.quick,
-        property_scenes=args.table, scenes=args.scenes, responses=args.responses,
+        property_scenes=args.table, scenes=args.scenes, responses=args.responses, search=args.search,
     )  # fmt: skip
     for name in names:
         result = run_bench(name, setup)

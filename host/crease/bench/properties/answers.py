@@ -34,6 +34,7 @@ RESPONSES = (
 class Answer:
     """Of every tick: force / k (n, 3) in mm, torque / k about the tool's origin (n, 3) in mm^2, time in us (n,).
 
+    A library that answers with one contact has no torque: NaN.
     `touches` (n,): whether the response looked at samples inside; times count there.
     """
 

@@ -259,6 +259,10 @@ def energy(case: Case) -> list[Finding]:
         return []
     moved = np.diff(case.poses[:, :3], axis=0)
     swung = _turns(case.poses)
+    if np.isnan(turn).any():
+        if swung.any():
+            return []
+        turn = np.zeros_like(turn)
     work = 0.5 * float(
         ((way[1:] + way[:-1]) * moved).sum() + ((turn[1:] + turn[:-1]) * swung).sum()
     )
@@ -311,7 +315,7 @@ def torque(case: Case) -> list[Finding]:
 
     Both bodies convex: the way out is exact, from the difference of the hulls.
     """
-    if not case.scene.convex:
+    if not case.scene.convex or np.isnan(case.answer.turn_mm2).any():
         return []
     errors = []
     deep = case.deep()
@@ -352,19 +356,21 @@ def _turned(pose: F64, axis: int, angle_rad: float) -> F64:
 
 
 def amplification(case: Case) -> list[Finding]:
-    """P9: change of force, and of torque / radius, over stiffness and the largest way of the tool; largest and p99."""
+    """P9: change of force over stiffness and the largest way of the tool; of torque / radius told. Largest and p99."""
     moving = case.steps_mm > 1e-6
     change = _size(np.diff(_wrench_mm(case, case.answer), axis=0))[moving]
     rate = change / case.steps_mm[moving, None]
-    touching = rate[change.any(axis=1)]
+    touching = rate[change[:, 0] > 0.0]
     p99 = np.percentile(touching, 99, axis=0) if len(touching) else np.zeros(2)
-    return [
+    out = [
         Finding("amplification", float(rate[:, 0].max(initial=0.0)), case.scene.amplification_max),
         Finding("amplification_p99", float(p99[0])),
         Finding("force_largest_mm", float(_size(case.answer.way_mm).max())),
-        Finding("torque_amplification", float(rate[:, 1].max(initial=0.0))),
-        Finding("torque_amplification_p99", float(p99[1])),
     ]
+    if not np.isnan(rate[:, 1]).any():
+        out.append(Finding("torque_amplification", float(rate[:, 1].max(initial=0.0))))
+        out.append(Finding("torque_amplification_p99", float(p99[1])))
+    return out
 
 
 CHECKS: dict[str, tuple[Callable[[Case], list[Finding]], ...]] = {

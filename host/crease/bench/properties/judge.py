@@ -87,14 +87,16 @@ class Row:
         return out
 
 
-def make_stage(scene: PropertyScene, meshes: Path, pair: Pair, effort: Effort) -> Stage:
-    """Look along the path, then closely at some poses in contact.   Errors: CreaseError."""
+def make_stage(
+    scene: PropertyScene, meshes: Path, pair: Pair, effort: Effort, every: int = 1
+) -> Stage:
+    """Look along the path, each `every`-th tick of it, then closely at some poses in contact.   Errors: CreaseError."""
     file = meshes / scene.path
     if not file.exists():
         raise CreaseError(
             f"{file}: is missing; run `make meshes`, or name its folder with --meshes"
         )
-    poses = poses_mm(load_trajectory(file))
+    poses = poses_mm(load_trajectory(file))[::every]
     looks = np.unique(np.linspace(0, len(poses) - 1, min(LOOKS, len(poses))).astype(np.int64))
     start = time.perf_counter()
     touches = np.array([pair.volume(poses[i]) > 0.0 for i in looks])

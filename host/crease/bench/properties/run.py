@@ -5,20 +5,30 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from crease.bench.properties.answers import RESPONSES
+from crease.bench.properties.answers import RESPONSES, asker
 from crease.bench.properties.figures import draw_scenes, draw_time
-from crease.bench.properties.judge import QUICK, Effort, Row, judge_all
-from crease.bench.properties.scenes import PropertyScene, load_scenes
+from crease.bench.properties.geometry import F64, Pair
+from crease.bench.properties.judge import QUICK, Effort, Row, judge_all, make_stage
+from crease.bench.properties.libraries import judge_libraries
+from crease.bench.properties.scenes import (
+    PropertyScene,
+    bake_digest,
+    image_of,
+    load_meshes,
+    load_scenes,
+)
+from crease.bench.properties.search import SEARCHED, Worst, search
 from crease.bench.properties.tables import markdown, read_csv, scene_table, summary_table, to_csv
 from crease.bench.setup import BenchSetup
 from crease.errors import CreaseError
-from crease.experiment.setup import Result, machine
+from crease.experiment.setup import Result, Table, machine
 from crease.native import RESPONSES as KNOWN
 from crease.replay import ReplayOptions
 from crease.table import write_bytes
 
 CSV = "properties.csv"
 MARKDOWN = "properties.md"
+SEARCH_CSV = "search.csv"
 
 
 def choose_scenes(table: dict[str, PropertyScene], names: Sequence[str]) -> list[PropertyScene]:
@@ -48,6 +58,8 @@ def choose_responses(names: Sequence[str], quick: bool) -> list[tuple[str, Repla
 
 def run(setup: BenchSetup) -> Result:
     """Judge, and write what was found into setup.out.   Errors: CreaseError."""
+    if setup.search:
+        return run_search(setup)
     scenes = choose_scenes(load_scenes(setup.property_scenes), setup.scenes)
     responses = choose_responses(setup.responses, setup.quick)
     effort = QUICK if setup.quick else Effort(repeat=min(setup.repeat, 3))
@@ -62,6 +74,8 @@ def run(setup: BenchSetup) -> Result:
             lambda t: print(t, file=sys.stderr, flush=True),
         )
     )
+    if setup.peers:
+        rows += judge_libraries(scenes, setup.peers, setup.meshes, effort)
     result = Result(
         "properties",
         "Properties of the contact force",
@@ -79,6 +93,56 @@ def run(setup: BenchSetup) -> Result:
     result.files += [CSV, MARKDOWN]
     draw(setup, result, rows, names)
     return result
+
+
+def run_search(setup: BenchSetup) -> Result:
+    """The worst poses near the paths of some scenes, as CSV and table.   Errors: CreaseError."""
+    scenes = choose_scenes(load_scenes(setup.property_scenes), setup.scenes or SEARCHED)
+    responses = choose_responses(setup.responses or ("zones",), setup.quick)
+    found: list[Worst] = []
+    code = bake_digest()
+    for scene in scenes:
+        bodies = load_meshes(scene, setup.meshes)
+        stage = make_stage(scene, setup.meshes, Pair(*bodies), QUICK)
+        image = image_of(scene, bodies, setup.images / "by_content", code)
+        for name, options in responses:
+            found += search(stage, name, asker(image, options))
+    result = Result(
+        "search",
+        "Worst poses near the paths",
+        "Random restarts round the path, the worst led on by shrinking steps. Amplification over 0.02 mm.",
+    )
+    heads = (
+        "scene",
+        "response",
+        "measure",
+        "worst",
+        "asked",
+        "x y z, mm; quaternion",
+        "force / k, mm",
+    )
+    rows = [
+        (
+            w.scene,
+            w.response,
+            w.measure,
+            f"{w.value:.3f}",
+            str(w.asked),
+            _numbers(w.pose),
+            _numbers(w.force_mm),
+        )
+        for w in found
+    ]
+    result.tables.append(Table("Worst found", heads, tuple(rows)))
+    lines = [",".join(heads).replace(", mm", "_mm"), *(",".join(row) for row in rows)]
+    write_bytes(setup.out / SEARCH_CSV, ("\n".join(lines) + "\n").encode())
+    result.files.append(SEARCH_CSV)
+    return result
+
+
+def _numbers(values: F64) -> str:
+    """Separated by spaces, exact enough to ask again."""
+    return " ".join(f"{v:.8g}" for v in values)
 
 
 def draw(setup: BenchSetup, result: Result, rows: Sequence[Row], names: Sequence[str]) -> None:
