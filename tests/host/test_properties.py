@@ -47,6 +47,9 @@ FLOOR = PropertyScene(
     convex=True,
     twin="twin",
 )
+ROCK = PropertyScene(
+    "rock", "", "", "floor.stl", "cube20_12.stl", "rock_loop.csv", flat_z_mm=0.0, convex=True
+)
 JAW = PropertyScene("jaw", "", "", "bar.stl", "jaw.stl", "jaw.csv", jammed=True, balance="jaw")
 LIFT = np.array([0.0, 0.0, 0.1])
 EFFORT = Effort(poses=60, clear_s=0.2)
@@ -54,15 +57,16 @@ EFFORT = Effort(poses=60, clear_s=0.2)
 
 @pytest.fixture(scope="module")
 def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the meshes and paths of the three scenes."""
+    """A folder with the meshes and paths of the scenes."""
     folder = tmp_path_factory.mktemp("meshes")
-    for scene in (CORNER, FLOOR, JAW):
+    for scene in (CORNER, FLOOR, ROCK, JAW):
         for name in (scene.static[:-4], scene.tool[:-4]):
             data = make.stl_bytes(name, make.MESHES[name]())
             (folder / f"{name}.stl").write_bytes(data)
     paths = {
         "corner": property_paths.PATHS["corner"](),
         "press": property_paths.line("0 0 10.4 | 0 0 8.8 | 3 1 9.2 | 3 1 10.4", 0.05),
+        "rock_loop": property_paths.PATHS["rock_loop"](),
         "jaw": property_paths.line("0.1 0 0 | 0.3 6 0 | -0.2 12 0", 0.02),
     }
     for name, path in paths.items():
@@ -72,10 +76,10 @@ def meshes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def stages(meshes: Path) -> dict[str, Stage]:
-    """The three scenes, looked at once."""
+    """The scenes, looked at once."""
     return {
         s.name: make_stage(s, meshes, Pair(*load_meshes(s, meshes)), EFFORT)
-        for s in (CORNER, FLOOR, JAW)
+        for s in (CORNER, FLOOR, ROCK, JAW)
     }
 
 
@@ -89,12 +93,23 @@ def floor_force(poses: F64) -> F64:
     return np.outer(np.maximum(10.0 - poses[:, 2], 0.0), [0.0, 0.0, 1.0])
 
 
+ENDS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
+
+
 def lowest_force(poses: F64) -> F64:
     """The way out of the floor for any attitude: the depth of the lowest corner."""
-    ends = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 10)], float)
     turned = np.array([rotation(q) for q in poses[:, 3:]])
-    low = poses[:, 2] + np.einsum("nb,mb->nm", turned[:, 2], ends).min(axis=1)
+    low = poses[:, 2] + np.einsum("nb,mb->nm", turned[:, 2], ENDS).min(axis=1)
     return np.outer(np.maximum(-low, 0.0), [0.0, 0.0, 1.0])
+
+
+def lowest_torque(poses: F64) -> F64:
+    """Of that force at the middle of the lowest corners: the gradient of half the squared depth."""
+    levers = []
+    for pose in poses:
+        ends = ENDS @ rotation(pose[3:]).T
+        levers.append(ends[ends[:, 2] < ends[:, 2].min() + 1e-6].mean(axis=0))
+    return np.cross(np.array(levers), lowest_force(poses))
 
 
 def jaw_force(poses: F64) -> F64:
@@ -202,6 +217,16 @@ def test_force_that_depends_on_the_way_makes_energy(stages: dict[str, Stage]) ->
     assert "P6" in broken(row)
     stiff_J, soft_J = 0.5 * 0.8**2, 0.9 * 0.5 * 1.2**2
     assert row.values()["energy_share"] > 0.02 * stiff_J / soft_J
+
+
+def test_turns_do_work_too(stages: dict[str, Stage]) -> None:
+    """Pressed level, let out tilted, and back: the gradient of a potential gives back all, without its torque not."""
+    row = judged(stages["rock"], lowest_force, lowest_torque)
+    assert row.values()["energy_share"] < 0.005
+    assert row.values()["torque_rms_mm"] < 1e-3
+    assert not {"P1", "P2", "P6", "P7", "P8", "P9"} & broken(row)
+    assert {"P6", "P8"} <= broken(judged(stages["rock"], lowest_force))
+    assert {"P6", "P8"} <= broken(judged(stages["rock"], lowest_force, lambda p: -lowest_torque(p)))
 
 
 def test_force_in_free_space_is_a_ghost(stages: dict[str, Stage]) -> None:

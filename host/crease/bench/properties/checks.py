@@ -251,7 +251,10 @@ def _wall_errors(case: Case, overlap: Overlap, force: F64) -> list[float]:
 
 
 def energy(case: Case) -> list[Finding]:
-    """P6: work of force and torque over the path, which begins and ends free, over the largest energy stored."""
+    """P6: work of force and torque over the path, which begins and ends free, over the largest energy stored.
+
+    Where the force jumps within a tick, half the jump times the tick's way is in doubt, and is not counted.
+    """
     way, turn = case.answer.way_mm, case.answer.turn_mm2
     stored = 0.5 * float((way**2).sum(axis=1).max())
     ends = _size(way[[0, -1]]).max()
@@ -266,7 +269,9 @@ def energy(case: Case) -> list[Finding]:
     work = 0.5 * float(
         ((way[1:] + way[:-1]) * moved).sum() + ((turn[1:] + turn[:-1]) * swung).sum()
     )
-    return [Finding("energy_share", abs(work) / stored, ENERGY_MAX)]
+    jumps = np.maximum(_size(np.diff(way, axis=0)) - JUMP_SLOPE * case.steps_mm, 0.0)
+    doubt = 0.5 * float((jumps * case.steps_mm).sum())
+    return [Finding("energy_share", max(abs(work) - doubt, 0.0) / stored, ENERGY_MAX)]
 
 
 def _turns(poses: F64) -> F64:

@@ -20,7 +20,7 @@ from crease.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
 
-GONE_MM3 = 1e-7
+GONE_MM3 = 1e-10
 GONE_SHARE = 1e-9
 """Overlap below this, or this share of what there was, is gone: 0.001 of the way in a corner, less elsewhere."""
 

@@ -74,7 +74,7 @@ def run(setup: BenchSetup) -> Result:
             lambda t: print(t, file=sys.stderr, flush=True),
         )
     )
-    if setup.peers:
+    if setup.peers and setup.peers.is_dir():  # a file is for `pareto`
         rows += judge_libraries(scenes, setup.peers, setup.meshes, effort)
     result = Result(
         "properties",
