@@ -6,6 +6,7 @@ The right forces are in closed form: a cube in an inside corner is pushed out of
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import make
@@ -16,7 +17,7 @@ import property_shapes
 import pytest
 from crease.bench.properties.answers import Answer, refined, steps_mm
 from crease.bench.properties.checks import Finding
-from crease.bench.properties.geometry import S_MAX, Pair, rotation
+from crease.bench.properties.geometry import S_MAX, Pair, distances, rotation
 from crease.bench.properties.judge import Effort, Row, Stage, judge, make_stage
 from crease.bench.properties.run import choose_responses, choose_scenes
 from crease.bench.properties.scenes import PropertyScene, load_meshes, load_scenes
@@ -25,6 +26,7 @@ from crease.bench.properties.tables import kept_share, read_csv, scene_table, su
 from crease.errors import CreaseError
 from crease.trajectory import load_trajectory
 from host_tools import Run
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TABLE = ROOT / "meshes" / "property_scenes.toml"
@@ -275,7 +277,26 @@ def test_thickness_of_an_overlap_is_its_depth(stages: dict[str, Stage]) -> None:
     pressed = pair.overlap(np.array([0.0, 0.0, 9.25, 1.0, 0.0, 0.0, 0.0]))
     assert pressed.thickness_mm == pytest.approx(0.75, abs=1e-5)
     assert pressed.volume_mm3 == pytest.approx(300.0, rel=1e-6)
+    leaning = Rotation.from_euler("xyz", [0.0, 45.0, 45.0], degrees=True).as_quat()[[3, 0, 1, 2]]
+    low = (ENDS @ rotation(leaning).T)[:, 2].min()
+    edge = pair.overlap(np.array([0.0, 0.0, -low - 0.5, *leaning]))
+    assert edge.thickness_mm == pytest.approx(0.5, abs=1e-3)
     assert pair.overlap(np.array([0.0, 0.0, 10.1, 1.0, 0.0, 0.0, 0.0])).volume_mm3 == 0.0
+
+
+def test_distance_from_a_triangle_over_face_edge_and_corner() -> None:
+    triangle = np.array([[[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]])
+    points = np.array([[1.0, 1.0, 2.0], [2.0, -3.0, 0.0], [-3.0, -4.0, 0.0], [3.0, 3.0, 0.0]])
+    assert distances(points, triangle) == pytest.approx([2.0, 3.0, 5.0, np.sqrt(2.0)])
+
+
+def test_crescent_of_a_ring_is_as_thick_as_the_ring_is_deep(meshes: Path) -> None:
+    """Play of 0.2 mm, ring shifted by 0.5: some 0.3 mm of overlap, wrapped round the boss."""
+    for name in ("boss", "ring"):
+        (meshes / f"{name}.stl").write_bytes(make.stl_bytes(name, make.MESHES[name]()))
+    scene = replace(CORNER, static="boss.stl", tool="ring.stl")
+    found = Pair(*load_meshes(scene, meshes)).overlap(np.array([0.5, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0]))
+    assert found.thickness_mm == pytest.approx(0.3, abs=0.03)
 
 
 def test_way_out_of_hulls_is_exact(stages: dict[str, Stage]) -> None:

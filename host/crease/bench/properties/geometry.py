@@ -1,7 +1,7 @@
 """What booleans say about two solids in a pose: overlap or none, how thick, and whether a move leads out.
 
 Nothing here knows a contact force. Lengths in mm throughout. Three of a pose's facts need a definition:
-thickness   the least extent of a piece of overlap along the normals of its own faces; of several pieces the largest
+thickness   how far the obstacle's and the tool's part of a piece's surface lie apart at most; the largest piece's
 jammed      no shift of some thicknesses leads out, along any direction tried
 clearing s  the least s such that the tool, moved by s F/k, leaves no overlap
 """
@@ -24,10 +24,10 @@ GONE_MM3 = 1e-10
 GONE_SHARE = 1e-9
 """Overlap below this, or this share of what there was, is gone: 0.001 of the way in a corner, less elsewhere."""
 
-NORMALS_MAX = 120
-"""Normals of a piece along which its extent is taken: those of curved pieces are thinned out."""
+POINTS_MAX = 150
+"""Points of a piece that its thickness is taken from: those of curved pieces are thinned out."""
 
-JAM_REACH = (1.2, 2.5, 5.0)
+JAM_REACH = (1.2, 2.5, 5.0, 12.0)
 WAYS_MAX = 12
 """Normals of faces touched that are tried, and their pairs, to find a way out of a jam: the largest faces."""
 
@@ -102,7 +102,7 @@ class Pair:
             return NOTHING
         corners = np.concatenate([c for c, _ in faces])
         index = np.repeat(np.arange(len(faces)), [len(c) for c, _ in faces])
-        thick = max(_thickness(c) for c, _ in faces)
+        thick = max(_thickness(*f) for f in faces)
         return Overlap(volume, thick, corners, np.concatenate([s for _, s in faces]), index)
 
     def _faces(self, piece: Any) -> tuple[F64, npt.NDArray[np.bool_]]:
@@ -179,13 +179,41 @@ def face_normals(corners_mm: F64) -> tuple[F64, F64]:
     return cross / np.maximum(length, 1e-300)[:, None], 0.5 * length
 
 
-def _thickness(corners_mm: F64) -> float:
-    """See the module."""
-    normals, area = face_normals(corners_mm)
-    normals = np.unique(np.round(normals[area > 1e-6 * area.max()], 4), axis=0)
-    normals = normals[:: max(1, len(normals) // NORMALS_MAX)]
-    heights = corners_mm.reshape(-1, 3) @ normals.T
-    return float(np.ptp(heights, axis=0).min())
+def _thickness(corners_mm: F64, from_static: npt.NDArray[np.bool_]) -> float:
+    """See the module: from points of either part, vertices, middles of edges and of faces, to the other part."""
+    parts = corners_mm[from_static], corners_mm[~from_static]
+    if not (len(parts[0]) and len(parts[1])):
+        return 0.0
+    far = 0.0
+    for mine, other in (parts, parts[::-1]):
+        middles = 0.5 * (mine + np.roll(mine, 1, axis=1)).reshape(-1, 3)
+        points = np.concatenate([mine.reshape(-1, 3), middles, mine.mean(axis=1)])
+        points = np.unique(np.round(points, 6), axis=0)
+        points = points[:: max(1, len(points) // POINTS_MAX)]
+        far = max(far, float(distances(points, other).max()))
+    return far
+
+
+def distances(points: F64, corners: F64) -> F64:
+    """Distance of points (n, 3) from the nearest of triangles (m, 3, 3), (n,).
+
+    The nearest point of a triangle is its foot when that is inside, else on the nearest edge.
+    """
+    squares = np.full(len(points), np.inf)
+    for k in range(3):
+        a, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        length = np.maximum((along**2).sum(axis=1), 1e-30)
+        t = np.clip((points @ along.T - (a * along).sum(axis=1)) / length, 0.0, 1.0)
+        gap = points[:, None] - a - t[..., None] * along
+        squares = np.minimum(squares, (gap**2).sum(axis=2).min(axis=1))
+    normals, area = face_normals(corners)
+    height = points @ normals.T - (corners[:, 0] * normals).sum(axis=1)
+    inside = np.broadcast_to(area > 1e-12, height.shape).copy()
+    for k in range(3):
+        a, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        inward = np.cross(normals, along)
+        inside &= points @ inward.T - (a * inward).sum(axis=1) >= 0.0
+    return np.asarray(np.sqrt(np.minimum(squares, np.where(inside, height**2, np.inf).min(axis=1))))
 
 
 def _ways_out(overlap: Overlap) -> F64:
