@@ -269,6 +269,8 @@ def test_jaw_may_feel_the_difference_but_not_more(stages: dict[str, Stage]) -> N
     assert "P7" not in broken(judged(stages["jaw"], lambda p: 2.0 * jaw_force(p)))
     assert "P7" in broken(judged(stages["jaw"], lambda p: 2.2 * jaw_force(p)))
     assert "P7" in broken(judged(stages["jaw"], lambda p: -jaw_force(p)))
+    along = judged(stages["jaw"], lambda p: jaw_force(p) + 20.0 * LIFT)
+    assert along.values()["jam_largest"] == pytest.approx(2.0 / 1.4, rel=0.3)
     assert "P7" in broken(judged(stages["jaw"], lambda p: jaw_force(p) + LIFT))
 
 

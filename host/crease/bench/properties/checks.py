@@ -16,7 +16,6 @@ import numpy.typing as npt
 from crease.bench.properties.answers import Answer, Ask, refined
 from crease.bench.properties.geometry import (
     F64,
-    S_MAX,
     Overlap,
     Pair,
     face_normals,
@@ -38,6 +37,8 @@ GHOST_MAX_MM = 0.02
 """Force over stiffness without overlap: 20 um, what a voxmap of 1 mm leaves of a curved face."""
 TORQUE_RMS_MAX_MM = 0.02
 BALANCE_MAX_MM = 0.02
+JAM_MAX = 1.5
+"""Force over stiffness in a jam, over the thickness of the overlap: the deepest contact, or two at right angles."""
 JAW_WHOLE_MM = -4.0
 """From here on all of the jaw is on the bar's full width: interference differs by twice its offset."""
 JUMP_PARTS = 256
@@ -90,6 +91,11 @@ class Case:
     def deep(self) -> list[int]:
         """Places in `at` where the overlap is thicker than DEEP_MM."""
         return [i for i, o in enumerate(self.overlaps) if o.thickness_mm > DEEP_MM]
+
+    def thinned(self) -> list[int]:
+        """Of the deep places so many as `clear_poses` allows."""
+        deep = self.deep()
+        return deep[:: max(1, -(-len(deep) // self.clear_poses))]
 
     def is_jammed(self, i: int) -> bool:
         """Whether no way leads out at place i; found once, for all answers."""
@@ -153,29 +159,33 @@ def _held_depth(pair: Pair, overlap: Overlap, z: float) -> float | None:
 
 
 def clearing(case: Case) -> list[Finding]:
-    """P2: at 95 % of the poses deeper than DEEP_MM, 0.9 < s <= 1.05; P7: where no way leads out, a bounded force.
+    """P2: at 95 % of the poses deeper than DEEP_MM, 0.9 < s <= 1.05. Jammed poses do not count.
 
     A pose is asked for a way out only where the force does not lead out. Scenes that are jammed as a whole have no P2.
     """
-    deep = case.deep()
-    deep = deep[:: max(1, -(-len(deep) // case.clear_poses))]
-    factors, jams = [], []
-    for i in deep:
-        pose, overlap, force = case.poses[case.at[i]], case.overlaps[i], case.force_mm(i)
-        s = S_MAX if case.scene.jammed else case.pair.clearing(pose, overlap.volume_mm3, force)
-        if s > CLEAR_BAND[1] and case.is_jammed(i):
-            jams.append(float(np.linalg.norm(force)) / overlap.thickness_mm)
-        else:
+    if case.scene.jammed:
+        return []
+    factors = []
+    for i in case.thinned():
+        pose, overlap = case.poses[case.at[i]], case.overlaps[i]
+        s = case.pair.clearing(pose, overlap.volume_mm3, case.force_mm(i))
+        if s <= CLEAR_BAND[1] or not case.is_jammed(i):
             factors.append(s)
-    out = []
-    if factors and not case.scene.jammed:
-        spread = np.array(factors)
-        outside = float(((spread <= CLEAR_BAND[0]) | (spread > CLEAR_BAND[1])).mean())
-        out.append(Finding("clear_outside", outside, 0.05))
-        out += [Finding(f"clear_p{p}", float(np.percentile(spread, p))) for p in (5, 50, 95)]
-    if jams:
-        out += [Finding("jam_largest", max(jams)), Finding("jam_poses", float(len(jams)))]
-    return out
+    if not factors:
+        return []
+    spread = np.array(factors)
+    outside = float(((spread <= CLEAR_BAND[0]) | (spread > CLEAR_BAND[1])).mean())
+    percentiles = [Finding(f"clear_p{p}", float(np.percentile(spread, p))) for p in (5, 50, 95)]
+    return [Finding("clear_outside", outside, 0.05), *percentiles]
+
+
+def jams(case: Case) -> list[Finding]:
+    """P7: where no way leads out, a force bounded by the deepest contact. Poses that `clearing` found, or all."""
+    found = [i for i in case.thinned() if case.scene.jammed or case.jams.get(i)]
+    sizes = [float(np.linalg.norm(case.force_mm(i))) / case.overlaps[i].thickness_mm for i in found]
+    if not sizes:
+        return []
+    return [Finding("jam_largest", max(sizes), JAM_MAX), Finding("jam_poses", float(len(sizes)))]
 
 
 def continuity(case: Case) -> list[Finding]:
@@ -385,7 +395,7 @@ CHECKS: dict[str, tuple[Callable[[Case], list[Finding]], ...]] = {
     "P4": (idempotence,),
     "P5": (walls,),
     "P6": (energy,),
-    "P7": (ghosts_and_misses, balance),
+    "P7": (ghosts_and_misses, balance, jams),
     "P8": (torque,),
     "P9": (amplification,),
 }

@@ -27,8 +27,9 @@ GONE_SHARE = 1e-9
 POINTS_MAX = 150
 """Points of a piece that its thickness is taken from: those of curved pieces are thinned out."""
 
-JAM_REACH = (1.2, 2.5, 5.0, 12.0)
-WAYS_MAX = 12
+JAM_REACH = (1.02, 1.4, 1.9, 2.6, 3.6, 5.0, 7.0, 12.0)
+"""Shifts that are tried, in thicknesses: close to each other, since what leaves one wall may meet the next."""
+WAYS_MAX = 6
 """Normals of faces touched that are tried, and their pairs, to find a way out of a jam: the largest faces."""
 
 S_MAX = 4.0
@@ -226,7 +227,8 @@ def _ways_out(overlap: Overlap) -> F64:
     ways = np.concatenate([touched, pairs, np.eye(3), -np.eye(3)])
     length = np.linalg.norm(ways, axis=1)
     ways = ways[length > 0.1] / length[length > 0.1, None]
-    return np.unique(np.round(ways, 3), axis=0)
+    _, first = np.unique(np.round(ways, 3), axis=0, return_index=True)
+    return np.asarray(ways[np.sort(first)])
 
 
 def width_mm(points: F64, normal: F64) -> float:
