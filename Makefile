@@ -13,26 +13,31 @@ VENV := .venv
 PY := $(VENV)/bin/python
 CREASE := $(VENV)/bin/crease
 
-APT := build-essential cmake ninja-build python3-dev python3-venv libcmocka-dev libode-dev libccd-dev pkg-config \
-       clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
+# What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
+APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
+APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
+PIP_USER := meshes
+PIP_DEVELOP := test fuzz dask lint
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
 BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 
-FIRMWARE_C := $(wildcard firmware/*.c)
+FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c)
 # Other methods, for comparison: host and simulator only, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
+CONTACT_C := $(wildcard firmware/contact/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
+IMAGE_HELPERS := $(filter-out %/servo_rig.c,$(TEST_HELPERS))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
-PAGE := $(filter-out %.py %.md,$(wildcard host/crease/view/*.*))
+PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
 C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
@@ -43,17 +48,19 @@ help: ## this list
 
 # ---------------------------------------------------------------------------------------------------- installing
 
-setup: $(VENV)/.stamp build/.browser ## system packages (apt, when allowed) and the Python environment .venv
+setup: $(VENV)/.stamp build/.npm ## what users need: system packages (apt, when allowed), the environment .venv, libraries of the page
 
-# Recipe lines that install packages $(1), or say which are missing.
+setup-develop: setup $(VENV)/.develop build/.browser ## the same, and what tests, lints, fuzzers and benchmarks need
+
+# Recipe lines that install packages $(1) with options $(2), or say which are missing.
 define APT_INSTALL
 	@mkdir -p build
 	@command -v dpkg-query >/dev/null || { echo "not a Debian system: this needs $(1)"; touch $@; exit 0; }
 	@missing=$$(for p in $(1); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
 	missing=$$(echo $$missing); \
 	if [ -z "$$missing" ]; then :; \
-	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
-	elif sudo -n true 2>/dev/null; then sudo apt-get update -qq && sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $$missing >build/apt.log; \
+	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2) $$missing >build/apt.log; \
+	elif sudo -n true 2>/dev/null; then sudo apt-get update -qq && sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2) $$missing >build/apt.log; \
 	else echo "error: system packages are missing, install them with: sudo apt-get install $$missing"; exit 1; fi
 	@test -e $@ || touch $@
 endef
@@ -62,6 +69,9 @@ endef
 build/.apt: FORCE
 	$(call APT_INSTALL,$(APT))
 
+build/.apt-develop: FORCE | build/.apt
+	$(call APT_INSTALL,$(APT_DEVELOP))
+
 build/.browser: FORCE | build/.apt
 	$(call APT_INSTALL,$(if $(strip $(foreach b,$(BROWSERS),$(shell command -v $b))),,$(APT_BROWSER)))
 
@@ -69,10 +79,28 @@ $(VENV)/.stamp: host/pyproject.toml | build/.apt
 	@echo "python environment: $(VENV)"
 	@mkdir -p build
 	@exec 9>build/.lock; flock 9; \
-	"$(PYTHON)" -c 'import tomllib; p = tomllib.load(open("host/pyproject.toml", "rb")); r = p["build-system"]["requires"] + p["project"]["dependencies"]; \
-	[r.extend(g) for g in p["project"]["optional-dependencies"].values()]; print("\n".join(r))' >build/requirements.txt; \
 	test -x $(PY) || "$(PYTHON)" -m venv $(VENV); \
-	$(PY) -m pip install --quiet --disable-pip-version-check -r build/requirements.txt; touch $@
+	$(call PIP_INSTALL,["build-system"]["requires"] + p["project"]["dependencies"],$(PIP_USER)); touch $@
+
+$(VENV)/.develop: $(VENV)/.stamp host/pyproject.toml | build/.apt-develop
+	@echo "python environment: $(VENV), with what tests need"
+	@exec 9>build/.lock; flock 9; $(call PIP_INSTALL,["build-system"]["requires"],$(PIP_DEVELOP)); touch $@
+
+# Shell words that install lists of host/pyproject.toml: $(1) and the optional groups $(2).
+PIP_INSTALL = "$(PYTHON)" -c 'import tomllib; p = tomllib.load(open("host/pyproject.toml", "rb")); r = list(p$(1)); \
+	[r.extend(p["project"]["optional-dependencies"][g]) for g in "$(2)".split()]; print("\n".join(r))' >build/requirements.txt; \
+	$(PY) -m pip install --quiet --disable-pip-version-check -r build/requirements.txt
+
+# three.js and uPlot for the page of `crease view`, as host/package-lock.json has them.
+PAGE_LOCK := host/package.json host/package-lock.json host/.npmrc
+
+build/.apt-npm: FORCE
+	$(call APT_INSTALL,$(if $(shell command -v npm),,nodejs npm),--no-install-recommends)
+
+build/.npm: $(PAGE_LOCK) | build/.apt-npm
+	@echo "libraries of the page: build/npm"
+	@mkdir -p build/npm; cp $^ build/npm; cd build/npm; npm ci --silent --ignore-scripts >../npm.log 2>&1 || { cat ../npm.log; exit 1; }
+	@touch $@
 
 # ------------------------------------------------------------------------------------------------------ building
 
@@ -82,13 +110,17 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/rivals/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h host/native/*.h) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
 	@exec 9>build/.lock; flock 9; \
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable host >build/host.log 2>&1 \
 	    || { cat build/host.log; exit 1; }
+	@touch $@
+
+# The host with everything that its tests, lints and fuzzers use.
+build/.develop: build/.host $(VENV)/.develop
 	@touch $@
 
 meshes: build/meshes/.stamp ## the paper's objects and their trajectories, in build/meshes
@@ -100,11 +132,11 @@ build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
 
 scenes: build/scenes/.stamp ## scene images of meshes/scenes.toml, in build/scenes
 
-BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py topology.py scenes.py bodies.py)
+BAKE_PY := $(wildcard host/crease/mesh/*.py host/crease/bake/*.py)
 
 build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(BAKE_PY)
 	@mkdir -p $(@D)
-	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes
+	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes
 	@touch $@
 
 # ---------------------------------------------------------------------------------------------------------- demo
@@ -116,8 +148,8 @@ DEMO_SCENES := edge90_sphere edge90_cube
 
 build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL) $(PAGE)
 	@mkdir -p build/demo
-	$(PY) -m crease.scenes meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
-	$(PY) -m crease.demo meshes/scenes.toml build/meshes build/scenes build/demo
+	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
+	$(PY) -m crease.draw.demo meshes/scenes.toml build/meshes build/scenes build/demo
 	@touch $@
 
 # --------------------------------------------------------------------------------------------------------- tests
@@ -134,44 +166,69 @@ CFLAGS_cov := -O0 -g --coverage -DNDEBUG
 CC_fuzz := clang
 CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
-C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -DCR_RIVALS -ffp-contract=off -fno-math-errno
+# As on the device. What compares with rivals is built again, in rivals/ of a variant's folder.
+C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
+WITH_RIVALS := -DCR_RIVALS
 INCLUDES := -Ifirmware -Ifirmware/port/linux -Ifirmware/port/cortex-m7 -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
 
 define VARIANT
-build/$(1)/%.o: %.c
+# Options that change make every object anew.
+build/$(1)/.flags: FORCE
+	@mkdir -p $$(@D); echo '$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES)' | cmp -s - $$@ \
+	    || echo '$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES)' >$$@
+
+build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
 	@echo "$(1): $$<"
 	@$(CC_$(1)) $(C_STD) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
 
-build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(RIVALS_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o) $(TEST_HELPERS:%.c=build/$(1)/%.o)
+build/$(1)/rivals/%.o: %.c build/$(1)/.flags
+	@mkdir -p $$(@D)
+	@echo "$(1), rivals: $$<"
+	@$(CC_$(1)) $(C_STD) $(WITH_RIVALS) $(CFLAGS_$(1)) $(WARNINGS) $(INCLUDES) -MMD -MP -c $$< -o $$@
+
+build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o) $(PORT_LIB_C:%.c=build/$(1)/%.o) $(NATIVE_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
+
+build/$(1)/libhelpers.a: $(TEST_HELPERS:%.c=build/$(1)/%.o)
+	@rm -f $$@
+	@ar rcs $$@ $$^
+
+build/$(1)/librivals.a: $(patsubst %.c,build/$(1)/rivals/%.o,$(CONTACT_C) $(RIVALS_C) $(IMAGE_HELPERS))
+	@rm -f $$@
+	@ar rcs $$@ $$^
+
+build/$(1)/tests/test_rivals: build/$(1)/rivals/tests/unit/test_rivals.o build/$(1)/librivals.a
+	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
 
 build/$(1)/libsim.a: $(SIM_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
-build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
+build/$(1)/tests/%: build/$(1)/tests/unit/%.o build/$(1)/libhelpers.a build/$(1)/libcrease.a build/$(1)/libsim.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
 
-build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libcrease.a build/$(1)/libsim.a
+build/$(1)/tests/%: build/$(1)/tests/property/%.o build/$(1)/libhelpers.a build/$(1)/libcrease.a build/$(1)/libsim.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -Wl,--as-needed -lode -lm -o $$@
 
 build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcrease.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lm -lpthread -o $$@
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
+$(patsubst %.c,build/$(1)/%.o,$(TEST_C) $(TEST_HELPERS) $(FUZZ_C)) build/$(1)/rivals/tests/unit/test_rivals.o: | build/.apt-develop
 endef
 $(foreach variant,gcc clang san cov fuzz,$(eval $(call VARIANT,$(variant))))
+build/clang/.flags build/fuzz/.flags: | build/.apt-develop
 include firmware/port/cortex-m7/device.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
 
-check: build/.host build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
+check: build/.develop build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.host build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+test: build/.develop build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
@@ -180,10 +237,10 @@ sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizer
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= 60
 
-fuzz: build/.host $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
 	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
 
-build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libcrease.a build/fuzz/libsim.a
+build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libhelpers.a build/fuzz/libcrease.a build/fuzz/libsim.a
 	@$(CC_fuzz) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_fuzz)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
 # 2.8 hours of rendering, in 4 minutes.
@@ -192,17 +249,17 @@ SOAK_TICKS ?= 10000000
 soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual time, or SOAK_TICKS=
 	CREASE_SOAK_TICKS=$(SOAK_TICKS) build/gcc/tests/test_soak
 
-coverage: build/.host build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
+coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
 	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
 
-# The long one reaches nothing that the others do not.
-COVERING := $(filter-out test_soak,$(TEST_NAMES))
+# The long one reaches nothing that the others do not; what is covered is what ships.
+COVERING := $(filter-out test_soak test_rivals,$(TEST_NAMES))
 
-coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of firmware/*.c
+coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
 	@for t in $(COVERING); do build/cov/tests/$$t >build/coverage/$$t.log 2>&1 || { cat build/coverage/$$t.log; exit 1; }; done
-	gcovr --root . --filter 'firmware/[^/]*\.[ch]$$' --branches --print-summary \
+	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*)\.[ch]$$' --branches --print-summary \
 	    --fail-under-line 100 --fail-under-branch 95 build/cov
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
@@ -251,10 +308,10 @@ bench-properties: build/.host build/meshes/.stamp $(PEERS)/.libraries ## what a 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress
 
-bench-loop: build/.host build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
+bench-loop: build/.develop build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
 	$(PY) tests/bench/loop.py --figure build/loop/edge.png
 
-bench-faults: build/.host build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
+bench-faults: build/.develop build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
 	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv
 
 # creased with a UNIX socket for its bus: everything but can.c.
@@ -266,7 +323,7 @@ build/gcc/latency_drives: build/gcc/tests/bench/latency_drives.o build/gcc/libsi
 
 LATENCY = $(PY) tests/bench/latency.py build/scenes/wall_cube.crs
 
-bench-latency: build/.host build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
+bench-latency: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
 	$(LATENCY) --where 'native kernel without CAN' --figure build/bench/latency-unix.png
 	if [ -e /sys/class/net/vcan0 ]; then $(LATENCY) --transport vcan --where native --figure build/bench/latency-vcan.png; \
 	else tests/hil/lab/vcan-run $(LATENCY) --transport vcan --where 'User-Mode Linux' --figure build/bench/latency-vcan.png; fi
@@ -279,38 +336,47 @@ HIL_SECONDS ?= 5
 HIL_TESTS := tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/hil/test_*.py)
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
 
-hil-minute: build/.host build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
+hil-minute: build/.develop build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
 	$(PY) tests/hil/repeat.py --seconds 60
 
 hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside the checkout)
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: this kernel has vcan0"; else tests/hil/lab/build-kernel; fi
 
-hil: build/.host build/gcc/creased hil-kernel ## tests on a real vcan: native, or in User-Mode Linux with virtual time
+hil: build/.develop build/gcc/creased hil-kernel ## tests on a real vcan: native, or in User-Mode Linux with virtual time
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: vcan0 of this kernel"; $(call HIL_PYTEST,); \
 	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,CREASE_VIRTUAL_TIME=1 tests/hil/lab/vcan-run -V); \
 	    $(PY) tests/hil/repeat.py --seconds $(HIL_SECONDS); fi
 
 # ---------------------------------------------------------------------------------------------------------- lint
 
-lint: build/.host ## format, static analysis and types: C and Python
+lint: build/.develop ## format, static analysis and types: C and Python
 	@$(MAKE) --no-print-directory --keep-going $(LINTS)
 
-LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-ruff lint-mypy
+LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-rooms lint-ruff lint-mypy
 
-SHIPPED_C := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+SHIPPED_C := $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
+# What the extra variant has: other methods, and the few files of the tick that know of them.
+EXTRA_C := $(RIVALS_C) $(shell grep -l CR_RIVALS $(CONTACT_C))
 STRICT := $(WARNINGS) -Werror -Wsign-conversion -Wdouble-promotion -Wvla -Wundef -Wstrict-prototypes -Wmissing-prototypes
 
-# With optimisation: some warnings need the data flow.
+# With optimisation: some warnings need the data flow. Files $(1), options $(2).
+define WARN
+	@for f in $(1); do \
+	    gcc $(C_STD) $(2) $(INCLUDES) -O2 $(STRICT) -Wlogical-op -Wduplicated-cond -c $$f -o /dev/null; \
+	    clang $(C_STD) $(2) $(INCLUDES) -O2 $(STRICT) -Wcomma -Wunreachable-code -c $$f -o /dev/null; done
+endef
+
 lint-warnings:
 	@echo "gcc, clang -Werror: $(SHIPPED_C)"
-	@for f in $(SHIPPED_C); do \
-	    gcc $(C_STD) $(INCLUDES) -O2 $(STRICT) -Wlogical-op -Wduplicated-cond -c $$f -o /dev/null; \
-	    clang $(C_STD) $(INCLUDES) -O2 $(STRICT) -Wcomma -Wunreachable-code -c $$f -o /dev/null; done
+	$(call WARN,$(SHIPPED_C),)
+	@echo "the same with rivals: $(EXTRA_C)"
+	$(call WARN,$(EXTRA_C),$(WITH_RIVALS))
 
 # Without optimisation, which gcc 12 needs to follow loops that fill an array.
 lint-analyzer:
 	@echo "gcc -fanalyzer: $(SHIPPED_C)"
 	@for f in $(SHIPPED_C); do gcc $(C_STD) $(INCLUDES) -O0 -fanalyzer -Werror -c $$f -o /dev/null; done
+	@for f in $(EXTRA_C); do gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -O0 -fanalyzer -Werror -c $$f -o /dev/null; done
 
 # Deviations and their reasons: tests/check/misra.csv.
 lint-misra:
@@ -319,12 +385,16 @@ lint-misra:
 lint-structure:
 	$(PY) tests/check/structure.py gcc $(C_STD) -Ifirmware -- $(FIRMWARE_C)
 
+lint-rooms:
+	$(PY) tests/check/rooms.py
+
 lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
 
 lint-clang-tidy:
 	@echo clang-tidy $(SHIPPED_C)
-	@clang-tidy --quiet --warnings-as-errors='*' $(SHIPPED_C) -- $(C_STD) $(INCLUDES) 2>build/clang-tidy.log \
+	@{ clang-tidy --quiet --warnings-as-errors='*' $(SHIPPED_C) -- $(C_STD) $(INCLUDES) && \
+	    clang-tidy --quiet --warnings-as-errors='*' $(EXTRA_C) -- $(C_STD) $(WITH_RIVALS) $(INCLUDES); } 2>build/clang-tidy.log \
 	    || { grep -v 'warnings generated' build/clang-tidy.log; exit 1; }
 
 lint-cppcheck:
@@ -339,7 +409,7 @@ lint-mypy:
 	$(PY) -m mypy --config-file host/pyproject.toml host/crease
 	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard meshes tests)
 
-format: $(VENV)/.stamp ## rewrite C and Python in the house format
+format: $(VENV)/.develop ## rewrite C and Python in the house format
 	clang-format -i $(C_ALL)
 	$(PY) -m ruff check --fix --quiet --config host/pyproject.toml $(PY_LINT) || true
 	$(PY) -m ruff format --config host/pyproject.toml $(PY_LINT)
@@ -348,5 +418,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

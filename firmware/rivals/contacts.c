@@ -1,5 +1,5 @@
 /* contacts: what the penalty responses share: samples inside, and sums of pushes. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 /* A push over stiffness below this is rounding. */
 #define PUSH_MIN_M 1e-9f

@@ -1,7 +1,7 @@
 /* deepest_group: neighbouring contacts answer together, as deep as the deepest. Kim, Otaduy, Lin, Manocha 2003.
  *
  * A group is a contact area: samples inside that are next to each other on the tool. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 typedef struct {
     cr_vec3 normal_sum_m; /* depth times surface normal */

@@ -1,5 +1,5 @@
 /* distance_field: penalty of points against a signed distance field, summed. Barbic, James 2008. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 /* Each point has this part of the stiffness, so that ten of them feel the whole: the paper tunes it to the device. */
 #define POINT_SHARE 0.1f

@@ -2,7 +2,7 @@
  *
  * A point sees one plane at a time, the nearest; those seen on the way in one tick are kept, so that it rests in a corner of several.
  * Steps of half a voxel keep it from passing a thin wall before it has seen it. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 static void look(const cr_respond_input *in, cr_vec3 p, cr_rival_planes *planes) {
     const cr_lanes3 world = {{p.x}, {p.y}, {p.z}};

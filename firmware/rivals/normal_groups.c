@@ -3,7 +3,7 @@
  * The sphere of directions (the Gauss map of the contact) is covered by 26 overlapping caps about the directions of a cube's faces, edges
  * and corners. A point belongs to the caps that its normal lies in, the more the nearer their middle. How many points share its
  * direction is the mean of the caps' counts, weighed by how much it belongs to them. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 #define CAPS 26
 /* Cosine of a cap's half angle, 55 degrees: every direction is in several caps, and opposite walls share none. */

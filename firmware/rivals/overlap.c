@@ -3,7 +3,7 @@
  * The section is the overlap seen along the contact normal: by the divergence theorem its area is the length of the area-vector
  * sum of the tool surface inside. Springs of stiffness / area stand on it, as long as the overlap is deep: the force is
  * stiffness times volume / section area, and acts at the centre of the volume's columns. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 /* Share of closed surface below which the overlap has no section: the tool is wholly inside. */
 #define OPEN_MIN 0.01f

@@ -1,5 +1,5 @@
 /* planes: what the proxies share: contact planes, the nearest allowed displacement, and the spring. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 /* Sweeps over the planes; two at 30 degrees converge by 0.75 a sweep. */
 #define SWEEPS 32

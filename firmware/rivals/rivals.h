@@ -8,7 +8,7 @@
 #ifndef CR_RIVALS_H
 #define CR_RIVALS_H
 
-#include "stages.h"
+#include "contact/stages.h"
 
 /* Purpose  voxmap and point shell: every point in a surface voxel is pushed along its own inward normal as far as it lies below
  *          the tangent plane through the voxel's centre; beyond ten points the mean of ten.

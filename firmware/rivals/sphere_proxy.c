@@ -3,7 +3,7 @@
  * The tool's point shell at the proxy's place finds what surface is near. For a ball each find gives the foot of the centre on that
  * face, and the creases their nearest points: planes that the next step must not cross, exact on polyhedra. A tool that is no ball
  * keeps the device's attitude, and its samples give the planes. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 /* A tool is round when its box and its radius agree to this share. */
 #define ROUND_SHARE 0.02f

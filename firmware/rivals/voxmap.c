@@ -1,5 +1,5 @@
 /* voxmap: tangent-plane forces of a point shell in a voxel map. McNeely, Puterbaugh, Troy 1999. */
-#include "rivals.h"
+#include "rivals/rivals.h"
 
 /* Each point has a tenth of the stiffness; more than this many are scaled down to as many. */
 #define POINTS_FULL 10.0f

@@ -1,7 +1,8 @@
 """crease: stable haptic contact between a rigid tool and a rigid mock-up.
 
-`mesh` and `bake` turn two meshes into a scene image; `scene` opens one; `replay` drives the firmware's own C code
-along a `trajectory`; `table` keeps what came out; `plot` and `figures` draw it. `cli` is the command `crease`.
+Rooms, each using only those before it: `base` (errors, units, tables, scene images), `mesh`, `bake` (two meshes into a
+scene image), `replay` (the firmware's own C code along a path), `bus`, `loop` (the closed loop), `draw`, `lab` (the
+paper's experiments), `verbs`. `cli` is the command `crease`.
 """
 
 __version__ = "0.1.0"

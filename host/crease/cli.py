@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from crease import __version__
-from crease.errors import CreaseError
+from crease.base.errors import CreaseError
 from crease.verbs import bake, bench, bus, experiment, hil, info, plot, replay, sim, stress, view
 
 VERBS = (bake, info, replay, plot, view, experiment, bench, stress, sim, bus, hil)

@@ -1,6 +1,6 @@
 #include "contacts.h"
 
-#include "stages.h"
+#include "contact/stages.h"
 
 #include <stdlib.h>
 #include <string.h>

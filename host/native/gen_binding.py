@@ -57,7 +57,7 @@ def main() -> None:
     headers = [path.resolve() for path in args.headers]
     ffi = FFI()
     ffi.cdef(declarations(preprocess(args.cc, options, headers), {path.parent for path in headers}))
-    ffi.set_source(args.module, "".join(f'#include "{header.name}"\n' for header in headers))
+    ffi.set_source(args.module, "".join(f'#include "{header}"\n' for header in headers))
     ffi.emit_c_code(str(args.out))
 
 

@@ -1,6 +1,6 @@
 #include "phases.h"
 
-#include "stages.h"
+#include "contact/stages.h"
 
 #include <stdlib.h>
 #include <string.h>

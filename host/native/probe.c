@@ -1,6 +1,6 @@
 #include "probe.h"
 
-#include "stages.h"
+#include "contact/stages.h"
 
 void crp_look_up(const cr_scene *scene, const float *points_m, int64_t n, float *phi_m, float *gradient, uint32_t *kind,
                  uint32_t *facet) {

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from crease.bench.setup import exact_force_N, measure, read_exact
-from crease.experiment.setup import machine
-from crease.measures import DEEP_M, Accuracy, angle_deg, direction_steps_deg
-from crease.replay import ReplayOptions, World, run_path
-from crease.scene import Scene, open_scene
-from crease.scenes import SceneSpec, load_specs
-from crease.trajectory import Trajectory, load_trajectory
+from crease.bake.scene_list import SceneSpec, load_specs
+from crease.base.scene import Scene, open_scene
+from crease.lab.setup import machine
+from crease.replay.measures import DEEP_M, Accuracy, angle_deg, direction_steps_deg
+from crease.replay.replay import ReplayOptions, World, run_path
+from crease.replay.trajectory import Trajectory, load_trajectory
+from study.against_exact import exact_force_N, measure, read_exact
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

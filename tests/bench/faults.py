@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from crease.base.native import ffi, lib
+from crease.base.scene import Scene, open_scene
 from crease.bus.drives import Fault, Frame
-from crease.hil import InProcess, lead_in
-from crease.native import ffi, lib
-from crease.recording import fault_names, limit_names, rerun
-from crease.scene import Scene, open_scene
+from crease.loop.hil import InProcess, lead_in
+from crease.replay.recording import fault_names, limit_names, rerun
 
 F64 = npt.NDArray[np.float64]
 

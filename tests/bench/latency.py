@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from crease.experiment.setup import machine
-from crease.native import lib
-from crease.recording import fault_names, load_recording
+from crease.base.native import lib
+from crease.lab.setup import machine
+from crease.replay.recording import fault_names, load_recording
 
 F64 = npt.NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def figures(rows: npt.NDArray[Any], said: subprocess.CompletedProcess[str]) -> F
 def draw(runs: Figures, title: str, path: Path) -> None:
     """Both histograms, logarithmic, with their quantiles."""
     import matplotlib as mpl
-    from crease.plot import COLOURS, STYLE, new_figure, save_figure
+    from crease.draw.plot import COLOURS, STYLE, new_figure, save_figure
 
     with mpl.rc_context(STYLE):
         figure = new_figure(9.0, 4.2)

@@ -21,7 +21,7 @@ import loop_report
 import numpy as np
 import numpy.typing as npt
 from crease.bus.drives import Mech, Params
-from crease.experiment.setup import machine
+from crease.lab.setup import machine
 from loop_report import Claim
 from scipy.linalg import expm
 

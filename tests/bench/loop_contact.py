@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from crease.hil import LoopResult
-from crease.loop import (
+from crease.base.scene import Scene, open_scene
+from crease.loop.hil import LoopResult
+from crease.loop.loop import (
     FIRM_GRIP,
     LIGHT_GRIP,
     NORMAL_GRIP,
@@ -22,17 +23,16 @@ from crease.loop import (
     drag,
     stable_stiffness_N_m,
 )
-from crease.loop_places import Case, cases, pad_scene, press_N
-from crease.measures import (
+from crease.loop.places import Case, cases, pad_scene, press_N
+from crease.replay.measures import (
     angle_deg,
     buzz_m_s2,
     buzz_worst_m_s2,
     force_steps,
     loop_energy,
 )
-from crease.recording import fault_names
-from crease.scene import Scene, open_scene
-from crease.trajectory import Trajectory, load_trajectory
+from crease.replay.recording import fault_names
+from crease.replay.trajectory import Trajectory, load_trajectory
 
 F64 = npt.NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from crease.hil import LoopResult
-from crease.loop import FIRM_GRIP, NORMAL_GRIP, Setup, at_speed, drag
-from crease.measures import buzz_band_m_s2
-from crease.plot import COLOURS, NOTICEABLE_TURN_DEG, STYLE, new_figure, save_figure
+from crease.draw.plot import COLOURS, NOTICEABLE_TURN_DEG, STYLE, new_figure, save_figure
+from crease.loop.hil import LoopResult
+from crease.loop.loop import FIRM_GRIP, NORMAL_GRIP, Setup, at_speed, drag
+from crease.replay.measures import buzz_band_m_s2
 from loop_contact import (
     Dragged,
     Stable,

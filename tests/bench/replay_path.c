@@ -5,8 +5,8 @@
  * PATH holds cr_path_row, ROWS gets cr_replay_row, RESPONSE and COVERAGE are numbers of crease.h. The sums of the image are made anew:
  * those of a widened image were added up in float32. */
 #include "blob.h"
+#include "contact/stages.h"
 #include "replay.h"
-#include "stages.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -15,14 +15,19 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from crease.bench.points import OURS, Point, read_points, verdict
-from crease.bench.properties.tables import markdown, read_csv, scene_table, summary_table
-from crease.errors import CreaseError
+from crease.base.errors import CreaseError
+from study.points import OURS, Point, read_points, verdict
+from study.properties.tables import markdown, read_csv, scene_table, summary_table
 
 HERE = Path(__file__).resolve().parent
 REPORT = HERE / "REPORT.md"
 PEERS_FILES = ("pareto.csv", "precision.csv", "pareto.png", "pareto_more.png", "precision.png")
-PROPERTIES_FILES = ("properties.csv", "properties.png", "properties_zones.png")
+PROPERTIES_FILES = (
+    "properties.csv",
+    "properties.png",
+    "properties_zones.png",
+    "properties_paths.png",
+)
 
 
 def _row(cells: Iterable[str]) -> str:

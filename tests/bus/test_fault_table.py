@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from crease.scene import open_scene
+from crease.base.scene import open_scene
 from faults import KINDS, Outcome, table
 
 ROOT = Path(__file__).resolve().parents[2]

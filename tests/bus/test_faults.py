@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 from bus_tools import NODES, Link, enable, make_link, setup_layout, torques
+from crease.base.errors import BusError
 from crease.bus.drives import FAULT_KINDS, Drives, Fault, Frame, Params
 from crease.bus.inprocess import drives_of
-from crease.errors import BusError
 
 BEGIN = 21
 """First tick after the drives are enabled (12 SYNCs), with some to spare."""

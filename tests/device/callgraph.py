@@ -1,8 +1,7 @@
 """Worst stack of a library from gcc's -fcallgraph-info=su files (.ci), and the proof that nothing in it recurses.
 
-What is proven: no cycle among the calls that gcc knows; every frame has a size known at compile time; calls through a
-pointer occur only where they are listed, with all their targets; every function that is called is either in the files
-or in the list of externals with a stack of its own.
+What is proven: no cycle among the calls that gcc knows; every frame has a size known at compile time; nothing is called
+through a pointer; every function that is called is in the files, or in the list of externals with a stack of its own.
 """
 
 from __future__ import annotations
@@ -43,15 +42,10 @@ def short_name(function: str) -> str:
     return function.rsplit(":", maxsplit=1)[-1]
 
 
-def read_graph(
-    files: Sequence[Path],
-    external_bytes: Mapping[str, int],
-    indirect: Mapping[str, Sequence[str]],
-) -> Graph:
+def read_graph(files: Sequence[Path], external_bytes: Mapping[str, int]) -> Graph:
     """The call graph of all files.
 
-    external_bytes: stack of functions outside of them. indirect: caller -> all that it may call through a pointer.
-    Errors: CallGraphError.
+    external_bytes: stack of functions outside of them.   Errors: CallGraphError.
     """
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = {}
@@ -68,8 +62,9 @@ def read_graph(
             calls.setdefault(title, set())
         for source, target in _EDGE.findall(text):
             calls.setdefault(source, set()).add(target)
-    _resolve_pointers(frames, calls, indirect)
     for source, targets in calls.items():
+        if INDIRECT in targets:
+            raise CallGraphError(f"{short_name(source)} calls through a pointer")
         for target in sorted(targets - frames.keys()):
             if target not in external_bytes:
                 raise CallGraphError(
@@ -77,19 +72,6 @@ def read_graph(
                 )
             frames[target] = external_bytes[target]
     return Graph(frames, calls)
-
-
-def _resolve_pointers(
-    frames: dict[str, int], calls: dict[str, set[str]], indirect: Mapping[str, Sequence[str]]
-) -> None:
-    by_name = {short_name(title): title for title in frames}
-    for source, targets in calls.items():
-        if INDIRECT not in targets:
-            continue
-        if short_name(source) not in indirect:
-            raise CallGraphError(f"{short_name(source)} calls through a pointer")
-        targets.discard(INDIRECT)
-        targets.update(by_name[name] for name in indirect[short_name(source)] if name in by_name)
 
 
 def deepest(graph: Graph, root: str) -> Chain:

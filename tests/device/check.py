@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from callgraph import CallGraphError, Chain, read_graph, worst_chain
-from crease.trajectory import load_trajectory
-from jobs import ROOT, free_rows, golden_path_job, path_job, path_rows, recording_job
+from crease.replay.trajectory import load_trajectory
+from jobs import FIRMWARE_C, ROOT, free_rows, golden_path_job, path_job, path_rows, recording_job
 from loops import golden_recording
 
 BUILD = ROOT / "build" / "device"
@@ -61,8 +61,6 @@ DEVICES = {
     "m4f": ("mps2-an386", 0x21000000),
     "m55": ("mps3-an547", 0x60000000),
 }
-INDIRECT = {"answer_group": ("keep_normal", "turn_to_45"), "cr_respond": ()}
-"""The only calls through a pointer: the response table. cr_respond would call rivals, which no device library has."""
 REFERENCE = "gcc -O2"
 LIMIT_S = 600.0
 
@@ -134,7 +132,7 @@ def build_host(name: str) -> Path:
     compiler, *options = HOSTS[name]
     program = runner_of(name)
     sources = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
-    sources += sorted((ROOT / "firmware").glob("*.c"))
+    sources += FIRMWARE_C
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
     command([compiler, *FLAGS, *options, *includes, *sources, "-lm", "-o", program])
     return program
@@ -206,8 +204,8 @@ def write_jobs(names: Iterable[str]) -> dict[str, Path]:
 
 def library_objects(build: str) -> list[Path]:
     """Objects of the firmware library of a device build."""
-    names = sorted(path.stem for path in (ROOT / "firmware").glob("*.c"))
-    return [ROOT / "build" / build / "firmware" / f"{name}.o" for name in names]
+    made = ROOT / "build" / build
+    return [made / source.relative_to(ROOT).with_suffix(".o") for source in FIRMWARE_C]
 
 
 def allowed_symbols() -> dict[str, int]:
@@ -257,7 +255,7 @@ def static_bytes(build: str) -> int:
 def stack_of(build: str) -> Chain:
     """The worst chain of the library.   Errors: CallGraphError."""
     files = [path.with_suffix(".ci") for path in library_objects(build)]
-    return worst_chain(read_graph(files, allowed_symbols(), INDIRECT))
+    return worst_chain(read_graph(files, allowed_symbols()))
 
 
 def combined(runs: dict[str, Run]) -> str:

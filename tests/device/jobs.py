@@ -8,10 +8,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from crease.native import ffi, lib
-from crease.trajectory import Trajectory, load_trajectory
+from crease.base.native import ffi, lib
+from crease.replay.trajectory import Trajectory, load_trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
+FIRMWARE_C = [
+    p for room in ("contact", "servo") for p in sorted((ROOT / "firmware" / room).glob("*.c"))
+]
+"""All that a device library is made of."""
 PATH, RECORDING = 0, 1
 _CONFIG_AT = 64
 _ALIGN = 64

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from crease.base.native import ffi, lib
+from crease.base.scene import Scene, open_scene
 from crease.bus.drives import Fault
-from crease.hil import InProcess, hand_targets, lead_in
-from crease.native import ffi, lib
-from crease.recording import Recording, recording_bytes, scene_crc32
-from crease.scene import Scene, open_scene
-from crease.trajectory import Trajectory, check_rows
+from crease.loop.hil import InProcess, hand_targets, lead_in
+from crease.replay.recording import Recording, recording_bytes, scene_crc32
+from crease.replay.trajectory import Trajectory, check_rows
 
 DOWN_TICKS, ALONG_TICKS = 250, 250
 FAULT_AFTER_TICKS = 350

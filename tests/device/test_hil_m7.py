@@ -11,11 +11,11 @@ from typing import Any
 import m7
 import numpy as np
 import pytest
+from crease.base.native import lib
+from crease.base.scene import Scene, open_scene
 from crease.bus.drives import Fault
-from crease.hil import InProcess
-from crease.native import lib
-from crease.recording import Recording
-from crease.scene import Scene, open_scene
+from crease.loop.hil import InProcess
+from crease.replay.recording import Recording
 
 REPORT = {"ticks": 2400, "frames_lost": 0, "faults_done": 40}
 IDLE_SEEN, FAULT_SEEN, RENDER_TICKS = 20, 30, 100

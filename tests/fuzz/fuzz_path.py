@@ -9,10 +9,11 @@ from pathlib import Path
 
 import atheris
 import numpy as np
-from crease import table, trajectory
-from crease.errors import TrajectoryError
-from crease.table import write_table
-from crease.trajectory import COLUMNS, PERIOD_MAX_S, Trajectory, load_trajectory
+from crease.base import table
+from crease.base.errors import TrajectoryError
+from crease.base.table import write_table
+from crease.replay import trajectory
+from crease.replay.trajectory import COLUMNS, PERIOD_MAX_S, Trajectory, load_trajectory
 
 FOLDER = Path(tempfile.mkdtemp(prefix="crease-fuzz-"))
 HEADER = ",".join(COLUMNS).encode("ascii") + b"\n"

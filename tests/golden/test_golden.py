@@ -1,7 +1,8 @@
 """Golden replays: no accuracy figure of a test scene may get worse than tests/golden/bounds.csv says.
 
 The exact tables in tests/golden/exact come from a program of their own (tests/golden/gen); the figures are those of
-`make bench` (tests/bench/bench.py, crease.measures). To refresh the bounds after a change that is meant to move them:
+`make bench` (tests/bench/bench.py, crease.replay.measures). To refresh the bounds after a change that is
+meant to move them:
 
     make scenes
     .venv/bin/python tests/golden/test_golden.py --write
@@ -25,12 +26,12 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "bench")]
 
 import bench  # noqa: E402
-from crease.bench.setup import measure, read_exact  # noqa: E402
-from crease.measures import Accuracy  # noqa: E402
-from crease.replay import ReplayOptions  # noqa: E402
-from crease.scene import open_scene  # noqa: E402
-from crease.scenes import SceneSpec, load_specs  # noqa: E402
-from crease.trajectory import load_trajectory  # noqa: E402
+from crease.bake.scene_list import SceneSpec, load_specs  # noqa: E402
+from crease.base.scene import open_scene  # noqa: E402
+from crease.replay.measures import Accuracy  # noqa: E402
+from crease.replay.replay import ReplayOptions  # noqa: E402
+from crease.replay.trajectory import load_trajectory  # noqa: E402
+from study.against_exact import measure, read_exact  # noqa: E402
 
 BOUNDS = HERE / "bounds.csv"
 ROOM = 1.15

@@ -32,11 +32,11 @@ from typing import Any
 import can
 import numpy as np
 import numpy.typing as npt
-from crease.hil import hand_targets, lead_in, write_targets
-from crease.native import ffi, lib
-from crease.recording import RECORD, Recording, fault_names, load_recording, rerun
-from crease.scene import Scene, open_scene
-from crease.trajectory import check_rows, load_trajectory
+from crease.base.native import ffi, lib
+from crease.base.scene import Scene, open_scene
+from crease.loop.hil import hand_targets, lead_in, write_targets
+from crease.replay.recording import RECORD, Recording, fault_names, load_recording, rerun
+from crease.replay.trajectory import check_rows, load_trajectory
 from hil_tools import ROOT, wait_for
 
 VCAN_RUN = ROOT / "tests" / "hil" / "lab" / "vcan-run"

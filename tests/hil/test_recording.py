@@ -12,12 +12,12 @@ from typing import Any
 import cantools
 import numpy as np
 import pytest
+from crease.base.native import lib
+from crease.base.scene import open_scene
 from crease.bus.dbc import to_dbc
 from crease.bus.dictionary import load
 from crease.bus.transport import open_bus
-from crease.native import lib
-from crease.recording import load_recording, rerun
-from crease.scene import open_scene
+from crease.replay.recording import load_recording, rerun
 from hil_tools import CHANNEL, DEVICE, closed_loop, run_creased, wait_for
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 import trimesh
-from crease.bake import BakeOptions, bake_scene
-from crease.mesh import make_mesh
-from crease.scene import open_image
+from crease.bake.bake import BakeOptions, bake_scene
+from crease.base.scene import open_image
+from crease.mesh.mesh import make_mesh
 
 
 @pytest.mark.parametrize("tolerance_m", [1e-6, 1e-4, 1e-2])

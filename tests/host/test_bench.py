@@ -9,18 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.bench.ablation import HEIGHTS_MM, SKIPS, motion
-from crease.bench.points import MEASURES, Point, less_error, read_points, verdict, write_records
-from crease.bench.precision import compare, force_um
-from crease.bench.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
-from crease.bench.scaling import corner_poses, exponent
-from crease.bench.setup import read_exact
-from crease.errors import CreaseError
-from crease.experiment.setup import make_path
-from crease.replay import ReplayOptions, run_path
-from crease.scene import open_scene
-from crease.trajectory import Trajectory, load_trajectory
+from crease.base.errors import CreaseError
+from crease.base.scene import open_scene
+from crease.lab.setup import make_path
+from crease.replay.replay import ReplayOptions, run_path
+from crease.replay.trajectory import Trajectory, load_trajectory
 from host_tools import Run
+from scipy.spatial.transform import Rotation
+from study.ablation import HEIGHTS_MM, SKIPS, motion
+from study.against_exact import read_exact
+from study.points import MEASURES, Point, less_error, read_points, verdict, write_records
+from study.precision import compare, force_um
+from study.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
+from study.scaling import corner_poses, exponent
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "bench")]
@@ -133,14 +134,7 @@ def test_exponent_is_the_slope_of_the_logarithms() -> None:
 @pytest.mark.parametrize("side_mm", [26.0, 816.0])
 def test_the_scaling_tools_touch_with_one_corner(side_mm: float) -> None:
     """Lowest corner 2 mm below the top of the cube of 100 mm, over the middle of its face."""
-    w, x, y, z = corner_poses(100.0, side_mm)[0, 3:]
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    turn = Rotation.from_quat(corner_poses(100.0, side_mm)[0, 3:], scalar_first=True).as_matrix()
     corners = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)]) - 0.5
     at = corners @ turn.T * side_mm * 1e-3 + corner_poses(100.0, side_mm)[0, :3]
     lowest = at[np.argmin(at[:, 2])]

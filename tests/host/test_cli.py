@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import trimesh
 from crease import __version__
-from crease.native import lib
-from crease.progress import Progress
+from crease.base.native import lib
+from crease.base.progress import Progress
 from host_tools import Run, Said
 
 
@@ -282,7 +282,7 @@ class Terminal:
 
 def test_progress_shows_only_long_work_and_cleans_up(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
-    monkeypatch.setattr("crease.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("crease.base.progress.time.monotonic", lambda: now[0])
     stream = Terminal()
     with Progress(stream) as progress:  # type: ignore[arg-type]
         progress("work", 0.1)
@@ -297,7 +297,7 @@ def test_progress_is_silent_in_a_pipe(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = [0.0]
-    monkeypatch.setattr("crease.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("crease.base.progress.time.monotonic", lambda: now[0])
     with Progress() as progress:
         now[0] = 5.0
         progress("work", 0.5)

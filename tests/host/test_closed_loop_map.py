@@ -6,7 +6,7 @@ from pathlib import Path
 
 import matplotlib.image
 import pytest
-from crease.stress.closed_loop import Cell, draw, jobs_of, work
+from stress.closed_loop import Cell, draw, jobs_of, work
 
 
 def test_map_covers_every_place_for_every_response_and_loop() -> None:

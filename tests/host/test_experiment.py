@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.errors import CreaseError
-from crease.exact import exact_path, make_solids
-from crease.experiment import NAMES, run_experiment
-from crease.experiment.direction import felt_radius_mm, wedge_path
-from crease.experiment.report import make_report, text_table
-from crease.experiment.setup import Result, Setup, Table
-from crease.experiment.slender import edge_path
-from crease.experiment.timing import time_phases
-from crease.native import RESPONSES
-from crease.replay import ReplayOptions, run_path
-from crease.table import read_table
+from crease.base.errors import CreaseError
+from crease.base.native import RESPONSES
+from crease.base.table import read_table
+from crease.lab.direction import felt_radius_mm, wedge_path
+from crease.lab.exact import exact_path, make_solids
+from crease.lab.report import make_report, text_table
+from crease.lab.run import NAMES, run_experiment
+from crease.lab.setup import Result, Setup, Table
+from crease.lab.slender import edge_path
+from crease.lab.timing import time_phases
+from crease.replay.replay import ReplayOptions, run_path
 from host_tools import Run
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.errors import CreaseError
-from crease.hil import run_inprocess
-from crease.loop import (
+from crease.base.errors import CreaseError
+from crease.base.scene import Scene, open_scene
+from crease.draw.plot import NOTICEABLE_TURN_DEG
+from crease.loop.hil import run_inprocess
+from crease.loop.loop import (
     FIRM_GRIP,
     LIGHT_GRIP,
     Loop,
@@ -20,12 +22,10 @@ from crease.loop import (
     largest_stiffness,
     settles,
 )
-from crease.loop_places import cases, pad_scene, press_N
-from crease.measures import buzz_m_s2, buzz_worst_m_s2, force_steps, loop_energy
-from crease.plot import NOTICEABLE_TURN_DEG
-from crease.recording import RECORD
-from crease.scene import Scene, open_scene
-from crease.trajectory import load_trajectory
+from crease.loop.places import cases, pad_scene, press_N
+from crease.replay.measures import buzz_m_s2, buzz_worst_m_s2, force_steps, loop_energy
+from crease.replay.recording import RECORD
+from crease.replay.trajectory import load_trajectory
 from host_tools import write_path
 from loop_contact import BUILD, drag_case, linear_setup
 
@@ -89,9 +89,9 @@ def test_lock_step_in_c_is_the_loop_of_crease_hil_to_the_bit(
     path = load_trajectory(write_path(folder / "down.csv", down))
     scene = open_scene(scene_crs)
     python = run_inprocess(scene, path)
-    monkeypatch.setattr("crease.loop.LEAD_TICKS", 600)
-    monkeypatch.setattr("crease.loop.SETTLE_TICKS", 400)
-    from crease.loop import drag
+    monkeypatch.setattr("crease.loop.loop.LEAD_TICKS", 600)
+    monkeypatch.setattr("crease.loop.loop.SETTLE_TICKS", 400)
+    from crease.loop.loop import drag
 
     c = drag(scene, Setup(), path)
     count = len(c.recording)

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from crease import topology
-from crease.errors import MeshError
-from crease.mesh import Mesh, load_mesh, make_mesh
+from crease.base.errors import MeshError
+from crease.mesh import topology
+from crease.mesh.mesh import Mesh, load_mesh, make_mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -279,7 +279,7 @@ def test_triangle_of_a_missing_vertex_is_refused() -> None:
 
 
 def test_huge_mesh_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("crease.mesh.TRIANGLES_MAX", 10)
+    monkeypatch.setattr("crease.mesh.mesh.TRIANGLES_MAX", 10)
     with pytest.raises(MeshError, match="12 triangles, more than 10"):
         make_mesh(*box())
 

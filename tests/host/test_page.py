@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Page
-from crease.replay import ReplayOptions, run_path, to_columns
-from crease.scene import open_scene
-from crease.table import read_table, write_table
-from crease.trajectory import check_rows, load_trajectory
+from crease.base.scene import open_scene
+from crease.base.table import read_table, write_table
+from crease.replay.replay import ReplayOptions, run_path, to_columns
+from crease.replay.trajectory import check_rows, load_trajectory
 from host_tools import Run
 from PIL import Image
 

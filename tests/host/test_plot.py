@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.figures import CornerCase, draw_corner, section_xz
-from crease.mesh import load_mesh
-from crease.plot import draw_ticks, forces_N, save_figure, turn_deg
-from crease.table import read_table
+from crease.base.table import read_table
+from crease.draw.corner import CornerCase, draw_corner, section_xz
+from crease.draw.plot import draw_ticks, forces_N, save_figure, turn_deg
+from crease.mesh.mesh import load_mesh
 from host_tools import Run
 from hypothesis import given
 from hypothesis import strategies as st

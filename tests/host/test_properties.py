@@ -15,18 +15,19 @@ import numpy.typing as npt
 import property_paths
 import property_shapes
 import pytest
-from crease.bench.properties.answers import Answer, refined, steps_mm
-from crease.bench.properties.checks import Finding
-from crease.bench.properties.geometry import S_MAX, Pair, distances, rotation
-from crease.bench.properties.judge import Effort, Row, Stage, judge, make_stage
-from crease.bench.properties.run import choose_responses, choose_scenes
-from crease.bench.properties.scenes import PropertyScene, load_meshes, load_scenes
-from crease.bench.properties.search import search
-from crease.bench.properties.tables import kept_share, read_csv, scene_table, summary_table, to_csv
-from crease.errors import CreaseError
-from crease.trajectory import load_trajectory
+from crease.base.attitude import to_matrix
+from crease.base.errors import CreaseError
+from crease.replay.trajectory import load_trajectory
 from host_tools import Run
 from scipy.spatial.transform import Rotation
+from study.properties.answers import Answer, refined, steps_mm
+from study.properties.checks import Finding
+from study.properties.geometry import S_MAX, Pair, distances
+from study.properties.judge import Effort, Row, Stage, judge, make_stage
+from study.properties.run import choose_responses, choose_scenes
+from study.properties.scenes import PropertyScene, load_meshes, load_scenes
+from study.properties.search import search
+from study.properties.tables import kept_share, read_csv, scene_table, summary_table, to_csv
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TABLE = ROOT / "meshes" / "property_scenes.toml"
@@ -100,7 +101,7 @@ ENDS = np.array([[x, y, z] for x in (-10, 10) for y in (-10, 10) for z in (-10, 
 
 def lowest_force(poses: F64) -> F64:
     """The way out of the floor for any attitude: the depth of the lowest corner."""
-    turned = np.array([rotation(q) for q in poses[:, 3:]])
+    turned = to_matrix(poses[:, 3:])
     low = poses[:, 2] + np.einsum("nb,mb->nm", turned[:, 2], ENDS).min(axis=1)
     return np.outer(np.maximum(-low, 0.0), [0.0, 0.0, 1.0])
 
@@ -109,7 +110,7 @@ def lowest_torque(poses: F64) -> F64:
     """Of that force at the middle of the lowest corners: the gradient of half the squared depth."""
     levers = []
     for pose in poses:
-        ends = ENDS @ rotation(pose[3:]).T
+        ends = ENDS @ to_matrix(pose[3:]).T
         levers.append(ends[ends[:, 2] < ends[:, 2].min() + 1e-6].mean(axis=0))
     return np.cross(np.array(levers), lowest_force(poses))
 
@@ -280,7 +281,7 @@ def test_thickness_of_an_overlap_is_its_depth(stages: dict[str, Stage]) -> None:
     assert pressed.thickness_mm == pytest.approx(0.75, abs=1e-5)
     assert pressed.volume_mm3 == pytest.approx(300.0, rel=1e-6)
     leaning = Rotation.from_euler("xyz", [0.0, 45.0, 45.0], degrees=True).as_quat()[[3, 0, 1, 2]]
-    low = (ENDS @ rotation(leaning).T)[:, 2].min()
+    low = (ENDS @ to_matrix(leaning).T)[:, 2].min()
     edge = pair.overlap(np.array([0.0, 0.0, -low - 0.5, *leaning]))
     assert edge.thickness_mm == pytest.approx(0.5, abs=1e-3)
     assert pair.overlap(np.array([0.0, 0.0, 10.1, 1.0, 0.0, 0.0, 0.0])).volume_mm3 == 0.0

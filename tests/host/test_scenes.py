@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
-from crease.demo import main as demo_main
-from crease.errors import CreaseError
-from crease.scenes import load_specs
-from crease.scenes import main as scenes_main
+from crease.bake.scene_list import load_specs
+from crease.bake.scene_list import main as scenes_main
+from crease.base.errors import CreaseError
+from crease.draw.demo import main as demo_main
 
 ENTRY = """
 [{name}]

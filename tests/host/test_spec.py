@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.native import ffi, lib
-from crease.scene import Scene, open_scene
+from crease.base.native import ffi, lib
+from crease.base.scene import Scene, open_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TEXT = (ROOT / "firmware" / "SPEC.md").read_text(encoding="utf-8")

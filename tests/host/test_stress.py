@@ -9,18 +9,18 @@ from pathlib import Path
 import manifold3d
 import numpy as np
 import pytest
-from crease.errors import CreaseError
-from crease.exact import Solids, exact_contact, exact_joined
-from crease.native import ffi, skip_mask
-from crease.replay import ReplayOptions
-from crease.stress import checks
-from crease.stress.campaign import Settings, chunk_file, read_reports, run_campaign, summarise
-from crease.stress.cases import KINDS, Place, run_case, touching
-from crease.stress.drift import ROW, run_drift
-from crease.stress.keep import keep
-from crease.stress.pool import Pair, quaternion_product, random_pair, to_frame
-from crease.stress.shrink import check_again, shrink_solids
+from crease.base.errors import CreaseError
+from crease.base.native import ffi, skip_mask
+from crease.lab.exact import Solids, exact_contact, exact_joined
+from crease.replay.replay import ReplayOptions
 from host_tools import Run
+from stress import checks
+from stress.campaign import Settings, chunk_file, read_reports, run_campaign, summarise
+from stress.cases import KINDS, Place, run_case, touching
+from stress.drift import ROW, run_drift
+from stress.keep import keep
+from stress.pool import Pair, quaternion_product, random_pair, to_frame
+from stress.shrink import check_again, shrink_solids
 
 SEED = 11
 OPEN = frozenset({"continuity", "continuity where areas merge or part", "frame"})

@@ -8,8 +8,8 @@ from typing import BinaryIO
 
 import numpy as np
 import pytest
-from crease.errors import CreaseError, TableError
-from crease.table import check_target, read_table, write_atomic, write_table
+from crease.base.errors import CreaseError, TableError
+from crease.base.table import check_target, read_table, write_atomic, write_table
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp

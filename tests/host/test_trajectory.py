@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.errors import TrajectoryError
-from crease.trajectory import COLUMNS, check_rows, load_trajectory
+from crease.base.errors import TrajectoryError
+from crease.replay.trajectory import COLUMNS, check_rows, load_trajectory
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp

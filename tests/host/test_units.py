@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from crease.errors import UnitError
-from crease.units import METRES, format_length, parse_length, parse_unit
+from crease.base.errors import UnitError
+from crease.base.units import METRES, format_length, parse_length, parse_unit
 from hypothesis import given
 from hypothesis import strategies as st
 

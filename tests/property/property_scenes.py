@@ -16,13 +16,13 @@ import manifold3d
 import numpy as np
 import numpy.typing as npt
 import trimesh
-from crease.bake import BakeOptions, bake_scene
+from crease.bake.bake import BakeOptions, bake_scene
 from crease.bake.layout import CLUSTER, LANES
-from crease.mesh import make_mesh
-from crease.native import ffi
-from crease.replay import ReplayOptions, World
-from crease.scene import Scene, open_image
-from crease.trajectory import Trajectory
+from crease.base.native import ffi
+from crease.base.scene import Scene, open_image
+from crease.mesh.mesh import make_mesh
+from crease.replay.replay import ReplayOptions, World
+from crease.replay.trajectory import Trajectory
 
 F64 = npt.NDArray[np.float64]
 Solid = Any

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crease.bench.program import CORE
 from property_scenes import NAMES, ROOT, SEED, as_path, pair, poses_near
+from study.program import CORE
 
 FLAGS = [
     *("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-O1", "-g"),
@@ -39,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def build(folder: Path, name: str) -> Path:
     """The program with these capacities, under sanitizers."""
     program = folder / name
-    stages = [ROOT / f"firmware/{s}.c" for s in CORE]
+    stages = [*CORE]
     checks = [ROOT / f"tests/check/{name}.c" for name in ("capacities", "blob")]
     sources = [*checks, ROOT / "host/native/replay.c", *stages]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]

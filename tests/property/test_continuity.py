@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.replay import ReplayOptions
+from crease.replay.replay import ReplayOptions
 from property_scenes import F64, Solid, bake, ball, block, corner, cube, cylinder, run
 
 STEPS = 1600

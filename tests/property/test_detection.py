@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from crease.native import SKIPS
-from crease.replay import ROW, ReplayOptions
+from crease.base.native import SKIPS
+from crease.replay.replay import ROW, ReplayOptions
 from property_scenes import (
     NAMES,
     SEED,

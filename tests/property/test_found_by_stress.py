@@ -8,9 +8,9 @@ from __future__ import annotations
 from functools import cache
 
 import pytest
-from crease.stress.campaign import SCENE_SEED
-from crease.stress.cases import run_case
-from crease.stress.pool import Pair, random_pair
+from stress.campaign import SCENE_SEED
+from stress.cases import run_case
+from stress.pool import Pair, random_pair
 
 SCENES = 4
 """Of a chunk: the case draws one of them."""

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.native import COVERAGES, RESPONSES, lib
-from crease.replay import ReplayOptions, World
+from crease.base.native import COVERAGES, RESPONSES, lib
+from crease.replay.replay import ReplayOptions, World
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from property_scenes import (

@@ -9,26 +9,27 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
-from crease.bake import BakeOptions, bake_scene
-from crease.mesh import make_mesh
-from crease.native import COVERAGES, RESPONSES
-from jobs import ROOT, path_job
+from crease.bake.bake import BakeOptions, bake_scene
+from crease.base.native import COVERAGES, RESPONSES
+from crease.mesh.mesh import make_mesh
+from jobs import FIRMWARE_C, ROOT, path_job
 
-FLAGS = [
-    "-std=c11",
-    "-D_POSIX_C_SOURCE=200809L",
-    "-DCR_RIVALS",
-    "-ffp-contract=off",
-    "-fno-math-errno",
-]
+FLAGS = ["-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno"]
+WITH_RIVALS = "-DCR_RIVALS"
 CORE = (RESPONSES["zones"], RESPONSES["fixed45"])
-"""Other responses count samples themselves, most of them the same way under both coverages: one is enough."""
+"""What ships. Rivals count samples themselves, most of them the same way under both coverages: one is enough."""
 BUILDS = [
     *(f"{cc} {level}" for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2", "-O3")),
     "gcc -O3 -march=native",
     "clang -O3 -march=native",
     "gcc -O2 -DCR_SCALAR=1",
 ]
+"""Of what ships."""
+RIVAL_BUILDS = [
+    f"{build} {WITH_RIVALS}"
+    for build in ("gcc -O3 -march=native", "clang -O2", "gcc -O2 -DCR_SCALAR=1")
+]
+REFERENCE, RIVAL_REFERENCE = "gcc -O0 -g", f"gcc -O0 {WITH_RIVALS}"
 
 Inputs = tuple[bytes, npt.NDArray[np.float32]]
 """A scene image and rows of a path."""
@@ -40,8 +41,8 @@ def build(folder: Path, options: str) -> Path:
     program = folder / options.replace(" ", "_")
     sources = [
         *(ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")),
-        *sorted((ROOT / "firmware").glob("*.c")),
-        *sorted((ROOT / "firmware/rivals").glob("*.c")),
+        *FIRMWARE_C,
+        *(sorted((ROOT / "firmware/rivals").glob("*.c")) if WITH_RIVALS in levels else ()),
     ]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
     subprocess.run(
@@ -85,37 +86,66 @@ def run(program: Path, inputs: Inputs, response: int, coverage: int, skip: int) 
     return said[said.index("answers") + 1]
 
 
+Hashes = dict[tuple[int, int], str]
+"""By response and coverage."""
+
+
 @pytest.fixture(scope="module")
-def reference(folder: Path, inputs: Inputs) -> dict[tuple[int, int], str]:
-    """Hash of every response and coverage, without optimisation and with all skipping."""
-    program = build(folder, "gcc -O0 -g")
+def reference(folder: Path, inputs: Inputs) -> Hashes:
+    """Of what ships: both responses under both coverages, without optimisation and with all skipping."""
+    program = build(folder, REFERENCE)
     return {
         (response, coverage): run(program, inputs, response, coverage, 7)
-        for response in RESPONSES.values()
+        for response in CORE
         for coverage in COVERAGES.values()
-        if response in CORE or coverage == COVERAGES["soft"]
     }
 
 
-def test_settings_have_hashes_of_their_own(reference: dict[tuple[int, int], str]) -> None:
-    assert len(set(reference.values())) == len(reference)
+@pytest.fixture(scope="module")
+def rival_reference(folder: Path, inputs: Inputs) -> Hashes:
+    """The same of the rivals under soft coverage, in the build that has them."""
+    program, soft = build(folder, RIVAL_REFERENCE), COVERAGES["soft"]
+    rivals = [response for response in RESPONSES.values() if response not in CORE]
+    return {(response, soft): run(program, inputs, response, soft, 7) for response in rivals}
+
+
+def test_settings_have_hashes_of_their_own(reference: Hashes, rival_reference: Hashes) -> None:
+    both = reference | rival_reference
+    assert len(set(both.values())) == len(both) == len(RESPONSES) + len(CORE)
 
 
 @pytest.mark.parametrize("options", BUILDS)
 def test_every_build_has_the_same_hash(
-    folder: Path, inputs: Inputs, reference: dict[tuple[int, int], str], options: str
+    folder: Path, inputs: Inputs, reference: Hashes, options: str
 ) -> None:
     program = build(folder, options)
     for (response, coverage), expected in reference.items():
         assert run(program, inputs, response, coverage, 7) == expected
 
 
+@pytest.mark.parametrize("options", RIVAL_BUILDS)
+def test_every_build_with_rivals_has_the_same_hash(
+    folder: Path, inputs: Inputs, reference: Hashes, rival_reference: Hashes, options: str
+) -> None:
+    """Also of what ships: that rivals are compiled in changes nothing there."""
+    program = build(folder, options)
+    for (response, coverage), expected in (reference | rival_reference).items():
+        assert run(program, inputs, response, coverage, 7) == expected
+
+
 @pytest.mark.parametrize("skip", range(7))
 def test_skipping_changes_no_bit(
-    folder: Path, inputs: Inputs, reference: dict[tuple[int, int], str], skip: int
+    folder: Path, inputs: Inputs, reference: Hashes, skip: int
 ) -> None:
-    program = folder / "gcc_-O0_-g"
+    program = folder / REFERENCE.replace(" ", "_")
     for (response, coverage), expected in reference.items():
-        if response not in CORE and skip > 0:
-            continue  # they see the same contact; one subset shows it
         assert run(program, inputs, response, coverage, skip) == expected
+
+
+def test_skipping_changes_no_bit_of_a_rival(
+    folder: Path, inputs: Inputs, rival_reference: Hashes
+) -> None:
+    """They see the same contact: one subset shows it."""
+    program = folder / RIVAL_REFERENCE.replace(" ", "_")
+    for (response, coverage), expected in rival_reference.items():
+        assert run(program, inputs, response, coverage, 0) == expected

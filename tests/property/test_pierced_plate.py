@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import manifold3d
 import numpy as np
-from crease.replay import ReplayOptions
+from crease.replay.replay import ReplayOptions
 from property_scenes import bake, box, run
 
 HALF_MM, RADIUS_MM = 1.2, 4.0

@@ -1,7 +1,7 @@
 /* The closed loop for as long as one likes, in lock-step: nothing drifts, counters wrap and do nothing else, the state keeps its
  * size. Strokes round an edge first, then one contact that never ends. CREASE_SOAK_TICKS says how long (`make soak`: 10^7). */
 #include "image_builder.h"
-#include "servo_stages.h"
+#include "servo/servo_stages.h"
 #include "sim.h"
 
 #include <malloc.h>

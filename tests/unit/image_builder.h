@@ -3,7 +3,7 @@
 #ifndef CRT_IMAGE_BUILDER_H
 #define CRT_IMAGE_BUILDER_H
 
-#include "stages.h"
+#include "contact/stages.h"
 
 #define CRT_SIDES_MAX 4
 

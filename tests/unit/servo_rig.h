@@ -2,7 +2,7 @@
 #ifndef CRT_SERVO_RIG_H
 #define CRT_SERVO_RIG_H
 
-#include "servo_stages.h"
+#include "servo/servo_stages.h"
 
 #define CRT_RECORDS_MAX 512
 

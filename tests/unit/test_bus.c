@@ -1,5 +1,5 @@
 /* The CANopen manager against byte vectors written by hand from the tables of CiA 301, CiA 402 and SPEC.md. */
-#include "servo_stages.h"
+#include "servo/servo_stages.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* Velocity, damping, limits, passivity, compensation and the state machine, each by itself. */
-#include "servo_stages.h"
+#include "servo/servo_stages.h"
 
 #include <math.h>
 #include <setjmp.h>

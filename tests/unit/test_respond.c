@@ -1,6 +1,6 @@
 /* Normal, contact plane and depth of contact areas, against closed forms. */
+#include "contact/respond.h"
 #include "image_builder.h"
-#include "respond.h"
 
 #include <math.h>
 #include <setjmp.h>

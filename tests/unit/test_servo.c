@@ -1,7 +1,7 @@
 /* The servo in a loop with three drives and a mechanism made for this test alone: from power-on to a wall, every fault, and the
  * re-run of a recording. Shares nothing with the simulator, nor with the packers of the firmware. */
 #include "image_builder.h"
-#include "servo_stages.h"
+#include "servo/servo_stages.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* What a servo meets seldom: calls out of order, frames that are none, commands at odd times, hostile records. */
-#include "image.h"
+#include "contact/image.h"
 #include "servo_rig.h"
 
 #include <math.h>

@@ -6,7 +6,7 @@
  * hundred, and their number must not matter. What the drives time by their own clock is as much slower. Sources: Arm DAI0400 (UART, IRQ 0), DDI0403 (SysTick, NVIC). */
 #include "board.h"
 #include "can.h"
-#include "image.h"
+#include "contact/image.h"
 #include "semihost.h"
 #include "slcan.h"
 

@@ -63,10 +63,10 @@ firmware-m7 firmware-m4f firmware-m55: firmware-%:
 	@$(ARM)size -t build/$*/libcrease.a
 	@$(ARM)size build/$*/*.elf
 
-check-device: build/.host build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
+check-device: build/.develop build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
 	@cd tests/device && $(abspath $(PY)) check.py $(if $(LONG),--long)
 
 # In User-Mode Linux also where this kernel has vcan0: only there the time is virtual.
-hil-m7: build/.host build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: half a minute
+hil-m7: build/.develop build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: half a minute
 	@tests/hil/lab/build-kernel
 	$(PY) tests/hil/m7.py

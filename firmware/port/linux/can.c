@@ -1,7 +1,7 @@
 /* can: a raw CAN socket, and one question to the kernel about the bit rate. */
 #define _GNU_SOURCE /* NOLINT: ppoll, struct ifreq */
 #include "can.h"
-#include "servo_stages.h"
+#include "servo/servo_stages.h"
 
 #include <errno.h>
 #include <linux/can.h>

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from crease.bake.layout import FACET, KIND
 from crease.bake.surface import Surface
-from crease.native import lib
+from crease.base.native import lib
 
 F64 = npt.NDArray[np.float64]
 

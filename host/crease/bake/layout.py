@@ -1,4 +1,4 @@
-"""NumPy record types of the scene image, read from the C structs themselves, and the packing of sections."""
+"""Record types of the scene image, and the packing of sections."""
 
 from __future__ import annotations
 
@@ -7,49 +7,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease.native import ffi, lib
+from crease.base.native import ffi, lib
+from crease.base.records import record
 
-_PRIMITIVES = {
-    "float": "<f4",
-    "uint8_t": "u1",
-    "int16_t": "<i2",
-    "uint16_t": "<u2",
-    "uint32_t": "<u4",
-}
-
-
-def _field_type(kind: Any) -> Any:
-    if kind.kind == "array":
-        return np.dtype((_field_type(kind.item), (kind.length,)))
-    return np.dtype(_PRIMITIVES[kind.cname])
-
-
-def record(name: str) -> np.dtype[Any]:
-    """The NumPy type of `struct NAME` with the same offsets and size as in C."""
-    kind = ffi.typeof(f"struct {name}")
-    names = [field for field, _ in kind.fields]
-    return np.dtype(
-        {
-            "names": names,
-            "formats": [_field_type(info.type) for _, info in kind.fields],
-            "offsets": [info.offset for _, info in kind.fields],
-            "itemsize": ffi.sizeof(kind),
-        }
-    )
-
-
-META = record("cr_img_meta")
-BRICK = record("cr_img_brick")
-KIND = record("cr_img_kind")
-FACET = record("cr_img_facet")
-PAIR = record("cr_img_pair")
-EDGE = record("cr_img_edge")
-CLUSTER = record("cr_img_cluster")
-SUM = record("cr_img_sum")
-NEIGHBOUR = record("cr_img_neighbour")
-GROUP = record("cr_img_group")
-HEADER = record("cr_img_header")
-SECTION = record("cr_img_section")
+META = record("struct cr_img_meta")
+BRICK = record("struct cr_img_brick")
+KIND = record("struct cr_img_kind")
+FACET = record("struct cr_img_facet")
+PAIR = record("struct cr_img_pair")
+EDGE = record("struct cr_img_edge")
+CLUSTER = record("struct cr_img_cluster")
+SUM = record("struct cr_img_sum")
+NEIGHBOUR = record("struct cr_img_neighbour")
+GROUP = record("struct cr_img_group")
+HEADER = record("struct cr_img_header")
+SECTION = record("struct cr_img_section")
 
 RECORDS = {
     int(lib.CR_SEC_META): META,

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from crease.bake.kinds import Kinds, convex_distance
 from crease.bake.layout import KIND_FACETS_MAX
-from crease.native import lib
+from crease.base.native import lib
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from crease.bake.layout import CLUSTER, GROUP, LANES, NEIGHBOUR, SUM
 from crease.bake.surface import Surface
-from crease.native import ffi, lib
+from crease.base.native import ffi, lib
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

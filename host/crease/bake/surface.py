@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease.errors import MeshError
-from crease.mesh import Mesh
-from crease.native import ffi, lib
+from crease.base.errors import MeshError
+from crease.base.native import ffi, lib
+from crease.mesh.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]

@@ -15,8 +15,8 @@ from crease.bake.kinds import Kinds, convex_distance
 from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX, LEVEL_MAX
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.surface import Surface
-from crease.errors import MeshError
-from crease.native import lib
+from crease.base.errors import MeshError
+from crease.base.native import lib
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]

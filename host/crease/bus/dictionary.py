@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from crease.errors import BusError
+from crease.base.errors import BusError
 
 SOURCE = Path(__file__).with_name("dictionary.toml")
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease._sim import ffi, lib
-from crease.errors import BusError
+from crease.base.errors import BusError
 
 F64 = npt.NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import can
 
+from crease.base.errors import BusError
 from crease.bus.drives import Drives, Frame
-from crease.errors import BusError
 
 PERIOD_US = 1000
 SYNC = 0x080

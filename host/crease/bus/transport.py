@@ -11,9 +11,9 @@ from typing import Any
 
 import can
 
+from crease.base.errors import BusError
 from crease.bus.dictionary import load
 from crease.bus.drives import Drives, Frame
-from crease.errors import BusError
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 """SocketCAN's default of 212,992 bytes holds 278 frames, a quarter of a second's."""

@@ -6,9 +6,9 @@ import argparse
 import time
 from pathlib import Path
 
-from crease.progress import Progress
-from crease.table import check_suffix, check_target, write_bytes
-from crease.units import format_length
+from crease.base.progress import Progress
+from crease.base.table import check_suffix, check_target, write_bytes
+from crease.base.units import format_length
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -81,9 +81,9 @@ def add_parser(sub: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for meshes that cannot be mended, or an output that cannot be written."""
-    from crease.bake import BakeOptions, bake_scene
-    from crease.bodies import bodies_path, write_bodies
-    from crease.mesh import load_mesh
+    from crease.bake.bake import BakeOptions, bake_scene
+    from crease.bake.bodies import bodies_path, write_bodies
+    from crease.mesh.mesh import load_mesh
 
     check_suffix(args.output, (".crs",))
     check_target(args.output, args.force)
@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
 
 def describe(image: bytes, source: str) -> dict[str, object]:
     """What the image says of itself, through the firmware's parser."""
-    from crease.scene import open_image
+    from crease.base.scene import open_image
 
     return open_image(image, source).info()
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from crease.bench import NAMES, run_bench
-from crease.errors import CreaseError
+from crease.base.errors import CreaseError
+from crease.base.tree import from_tree
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -17,6 +17,7 @@ from crease.verbs.common import (
     whole,
 )
 
+NAMES = ("properties", "pareto", "precision", "scaling", "ablation")
 QUICK_EVERY, QUICK_REPEAT = 8, 3
 
 
@@ -84,10 +85,10 @@ def words(text: str) -> tuple[str, ...]:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError when an input is missing, or an output is there and --force is not given."""
-    from crease.bench.setup import BenchSetup
-    from crease.experiment.report import text_table
-    from crease.table import write_bytes
+    from crease.base.table import write_bytes
+    from crease.lab.report import text_table
 
+    study = from_tree("bench", "study.run")
     out: Path = args.output
     check_folder(out)
     names = NAMES if args.name == "all" else (args.name,)
@@ -99,13 +100,13 @@ def run(args: argparse.Namespace) -> None:
         check_inputs(args)
     make_folder(out)
     every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
-    setup = BenchSetup(
+    setup = study.BenchSetup(
         args.meshes, args.images, out, every, repeat,
         exact=args.exact, peers=args.peers, quick=args.quick,
         property_scenes=args.table, scenes=args.scenes, responses=args.responses, search=args.search,
     )  # fmt: skip
     for name in names:
-        result = run_bench(name, setup)
+        result = study.run_bench(name, setup)
         text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
         text = f"{result.title}\n\n{result.about}\n\n{text}\n"
         print(text, flush=True)

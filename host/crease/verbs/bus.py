@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from crease.errors import BusError
+from crease.base.errors import BusError
 from crease.verbs.common import SubParsers, add_force, add_json, number, print_json
 
 if TYPE_CHECKING:
@@ -168,10 +168,10 @@ def _show(args: argparse.Namespace, monitor: Monitor) -> None:
 def _watch(args: argparse.Namespace) -> None:
     import can
 
+    from crease.base.table import check_target
     from crease.bus.dictionary import load
     from crease.bus.monitor import Monitor
     from crease.bus.transport import one_line, open_bus
-    from crease.table import check_target
 
     if args.interface is None or args.channel is None:
         raise BusError("nothing to watch; give -i and -c, or --read, --export, --schedule")

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from crease.errors import CreaseError, UnitError
-from crease.units import parse_length, parse_unit
+from crease.base.errors import CreaseError, UnitError
+from crease.base.units import parse_length, parse_unit
 
 SubParsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 

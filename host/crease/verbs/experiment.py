@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from crease.errors import CreaseError
-from crease.experiment import NAMES, run_experiment
-from crease.experiment.setup import Setup
+from crease.base.errors import CreaseError
+from crease.lab.run import NAMES, run_experiment
+from crease.lab.setup import Setup
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -52,8 +52,8 @@ def add_parser(sub: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError when a mesh is missing, or the folder holds something and --force is not given."""
-    from crease.experiment.report import make_report, text_table
-    from crease.table import write_bytes
+    from crease.base.table import write_bytes
+    from crease.lab.report import make_report, text_table
 
     out: Path = args.output
     names = NAMES if args.name == "all" else (args.name,)

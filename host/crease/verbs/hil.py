@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from crease.progress import Progress
-from crease.scene import open_scene
-from crease.table import check_suffix, check_target, write_bytes, write_table
-from crease.trajectory import load_trajectory
+from crease.base.progress import Progress
+from crease.base.scene import open_scene
+from crease.base.table import check_suffix, check_target, write_bytes, write_table
+from crease.replay.trajectory import load_trajectory
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -104,10 +104,10 @@ _ELSEWHERE = {
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
+    from crease.base.errors import LoopError
     from crease.bus.transport import check_bitrate
-    from crease.errors import LoopError
-    from crease.hil import describe, run_socketcan
-    from crease.recording import SUFFIX, recording_bytes
+    from crease.loop.hil import describe, run_socketcan
+    from crease.replay.recording import SUFFIX, recording_bytes
     from crease.verbs.sim import parse_fault
 
     check_suffix(args.output, (SUFFIX,))
@@ -142,9 +142,9 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
-    from crease.errors import LoopError
-    from crease.hil import run_inprocess
-    from crease.native import RESPONSES, ffi, lib
+    from crease.base.errors import LoopError
+    from crease.base.native import RESPONSES, ffi, lib
+    from crease.loop.hil import run_inprocess
     from crease.verbs.sim import load_params, parse_fault
 
     if args.response not in RESPONSES:
@@ -182,7 +182,7 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
 
 
 def _table(result: Any) -> dict[str, Any]:
-    from crease.recording import to_columns
+    from crease.replay.recording import to_columns
 
     start = result.path_start
     columns = to_columns(result.recording.rows[start:])

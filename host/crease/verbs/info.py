@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from crease.scene import open_scene
-from crease.units import format_length
+from crease.base.scene import open_scene
+from crease.base.units import format_length
 from crease.verbs.common import SubParsers, add_json, add_scene, print_json, print_lines
 
 

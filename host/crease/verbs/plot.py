@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crease.errors import CreaseError
-from crease.recording import is_recording, load_recording
-from crease.replay import ANSWER_COLUMNS
-from crease.table import check_suffix, check_target, read_table, write_atomic
+from crease.base.errors import CreaseError
+from crease.base.table import check_suffix, check_target, read_table, write_atomic
+from crease.replay.recording import is_recording, load_recording
+from crease.replay.replay import ANSWER_COLUMNS
 from crease.verbs.common import SubParsers, add_force
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _is_loop(path: Path) -> bool:
 
 
 def _draw_run(path: Path, title: str | None) -> Figure:
-    from crease.plot_loop import draw_loop, recording_table
+    from crease.draw.plot_loop import draw_loop, recording_table
 
     table = recording_table(load_recording(path)) if is_recording(path) else read_table(path)
     return draw_loop(table, title or path.stem)
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> None:
         raise CreaseError(
             f"{len(args.tables)} tables in one figure cannot be told apart; give 8 at most"
         )
-    from crease.plot import draw_ticks, save_figure
+    from crease.draw.plot import draw_ticks, save_figure
 
     if len(args.tables) == 1 and _is_loop(args.tables[0]):
         figure = _draw_run(args.tables[0], args.title)

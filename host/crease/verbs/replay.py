@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from crease.native import COVERAGES, RESPONSES, SKIPS, lib, skip_mask
-from crease.progress import Progress
-from crease.recording import is_recording
-from crease.replay import ReplayOptions, run_path, to_columns
-from crease.scene import Scene, open_scene
-from crease.table import check_suffix, check_target, write_table
-from crease.trajectory import Trajectory, load_trajectory
-from crease.units import format_length
+from crease.base.native import COVERAGES, RESPONSES, SKIPS, lib, skip_mask
+from crease.base.progress import Progress
+from crease.base.scene import Scene, open_scene
+from crease.base.table import check_suffix, check_target, write_table
+from crease.base.units import format_length
+from crease.replay.recording import is_recording
+from crease.replay.replay import ReplayOptions, run_path, to_columns
+from crease.replay.trajectory import Trajectory, load_trajectory
 from crease.verbs.common import (
     SubParsers,
     add_force,

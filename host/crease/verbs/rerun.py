@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import time
 
-from crease.errors import RecordingError
-from crease.recording import fault_names, load_recording, rerun, to_columns
-from crease.scene import open_scene
-from crease.table import write_table
+from crease.base.errors import RecordingError
+from crease.base.scene import open_scene
+from crease.base.table import write_table
+from crease.replay.recording import fault_names, load_recording, rerun, to_columns
 from crease.verbs.common import print_either, warn
 
 

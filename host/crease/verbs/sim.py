@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from crease.base.errors import BusError
+from crease.base.table import describe, read_table
 from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params
-from crease.errors import BusError
-from crease.table import describe, read_table
 from crease.verbs.common import SubParsers, add_json, number, print_either
 
 PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from crease.base.tree import from_tree
 from crease.verbs.common import SubParsers, add_json, number, print_json, print_lines, whole
 
 SUMMARY = "summary.json"
@@ -66,25 +67,24 @@ def run(args: argparse.Namespace) -> None:
     import json
     from dataclasses import asdict
 
-    from crease.errors import CreaseError
-    from crease.progress import Progress
-    from crease.stress.campaign import Settings, run_campaign, summarise
-    from crease.stress.drift import run_drift
-    from crease.table import write_bytes
+    from crease.base.errors import CreaseError
+    from crease.base.progress import Progress
+    from crease.base.table import write_bytes
 
     if args.closed_loop:
         _closed_loop(args)
         return
+    campaign, drift = from_tree("stress", "stress.campaign"), from_tree("stress", "stress.drift")
     start_s = time.monotonic()
-    settings = Settings(args.seed, args.cases, args.per_chunk, args.scenes, args.shrink)
+    settings = campaign.Settings(args.seed, args.cases, args.per_chunk, args.scenes, args.shrink)
     with Progress() as progress:
-        reports = run_campaign(
+        reports = campaign.run_campaign(
             args.output, settings, args.jobs, args.scheduler, lambda part: progress("stress", part)
         )
     violations = [v for report in reports for v in report["violations"]]
-    drifts = [run_drift(args.seed, args.drift, unit) for unit in (True, False)]
+    drifts = [drift.run_drift(args.seed, args.drift, unit) for unit in (True, False)]
     failed = sum(bool(d.failed) for d in drifts)
-    summary = summarise(reports)
+    summary = campaign.summarise(reports)
     summary |= {"seed": args.seed, "drift": [asdict(d) for d in drifts]}
     summary["listed"] = violations
     summary["seconds"] = round(time.monotonic() - start_s, 1)
@@ -103,12 +103,14 @@ def run(args: argparse.Namespace) -> None:
 def _closed_loop(args: argparse.Namespace) -> None:
     from dataclasses import asdict
 
-    from crease.progress import Progress
-    from crease.stress.closed_loop import run_map
+    from crease.base.progress import Progress
 
+    closed_loop = from_tree("stress", "stress.closed_loop")
     args.output.mkdir(parents=True, exist_ok=True)
     with Progress() as progress:
-        cells = run_map(args.output, args.jobs, args.quick, lambda part: progress("loop", part))
+        cells = closed_loop.run_map(
+            args.output, args.jobs, args.quick, lambda part: progress("loop", part)
+        )
     if args.json:
         print_json({"cells": [asdict(cell) for cell in cells]})
         return

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from crease.scene import open_scene
-from crease.table import check_suffix, check_target, read_table, write_bytes
+from crease.base.scene import open_scene
+from crease.base.table import check_suffix, check_target, read_table, write_bytes
 from crease.verbs.common import SubParsers, add_force, add_json, print_either, warn
 from crease.verbs.plot import labels
 
@@ -38,7 +38,7 @@ def add_parser(sub: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for tables that cannot be read or are of another scene, or a page that cannot be written."""
-    from crease.view import Replay, make_page
+    from crease.draw.view import Replay, make_page
 
     check_suffix(args.output, (".html", ".htm"))
     check_target(args.output, args.force)

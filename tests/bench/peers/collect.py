@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
-from crease.bench.points import Point, write_records
-from crease.bench.setup import exact_force_N, read_exact
-from crease.measures import DEEP_M, angle_deg, compare
-from crease.trajectory import load_trajectory
+from crease.replay.measures import DEEP_M, angle_deg, compare
+from crease.replay.trajectory import load_trajectory
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from study.against_exact import exact_force_N, read_exact  # noqa: E402
+from study.points import Point, write_records  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
 STIFFNESS_N_M = 1000.0

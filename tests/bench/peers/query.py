@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 QUERY_MAX_US = 3e5
 """A library that needs longer for a query is left out, and said so."""
@@ -76,14 +77,7 @@ def timed(repeat: int, query: Callable[[], Any]) -> tuple[Any, float]:
 
 def matrix(pose: np.ndarray) -> np.ndarray:
     """Rotation of a pose."""
-    w, x, y, z = pose[3:]
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(Rotation.from_quat(pose[3:], scalar_first=True).as_matrix())
 
 
 def run_fcl(fixed: Body, tool: Body, poses: np.ndarray, repeat: int) -> list[Answer]:

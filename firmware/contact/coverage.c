@@ -1,0 +1,135 @@
+/* coverage: which part of each sample's piece of tool surface is inside the static object, and sums over a cluster.
+ * DESIGN.md "Point shell and coverage". */
+#include "contact/stages.h"
+
+#if CR_SCALAR
+/* Sum of w v in the same order of addition as with vectors, in one expression, so that all of it stays in registers. */
+static inline float sum_products(const float *w, const float *v) {
+    float a = (w[0] * v[0] + w[8] * v[8]) + (w[4] * v[4] + w[12] * v[12]);
+    float b = (w[2] * v[2] + w[10] * v[10]) + (w[6] * v[6] + w[14] * v[14]);
+    float c = (w[1] * v[1] + w[9] * v[9]) + (w[5] * v[5] + w[13] * v[13]);
+    float d = (w[3] * v[3] + w[11] * v[11]) + (w[7] * v[7] + w[15] * v[15]);
+    return (a + b) + (c + d);
+}
+#else
+/* Fixed order of addition: lane i with lane i + 8, then 4, 2, 1. */
+static inline float sum_products(const float *w, const float *v) {
+    float t[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        t[i] = w[i] * v[i];
+    }
+    for (int width = CR_LANES / 2; width > 0; width /= 2) {
+        for (int i = 0; i < width; i++) {
+            t[i] += t[i + width];
+        }
+    }
+    return t[0];
+}
+#endif
+
+/* Least share of the full width over which a sample fades in: a face that comes down flat would otherwise switch on at once. */
+#define WIDTH_MIN 0.25f
+/* How steeply a piece beside an edge fades as its distance nears the ramp: with 1 instead of 4 the block in the groove is 0.40 deg
+ * off (p99) instead of 0.23. */
+#define FADE 4.0f
+
+/* The part of each sample's own piece of surface that the plane of the static surface cuts off. Across the piece the distance varies by a width b = sqrt(g^T W g), W twelve times the second
+ * moment of the piece; it is inside to the share 1/2 - phi / b. */
+static void cover_by_slope(const xform *pose, const struct cr_img_cluster *c, const cr_lookup *at, float *coverage) {
+    const xform m = *pose;
+    for (int i = 0; i < CR_LANES; i++) {
+        if (CR_SCALAR && !(abs_f(at->phi_m[i]) < c->ramp[i])) {
+            coverage[i] = at->phi_m[i] > 0.0f ? 0.0f : 1.0f; /* as the formula has it: the width is at most two ramps */
+            continue;
+        }
+        float gx = m.r0.x * at->gx[i] + m.r1.x * at->gy[i] + m.r2.x * at->gz[i];
+        float gy = m.r0.y * at->gx[i] + m.r1.y * at->gy[i] + m.r2.y * at->gz[i];
+        float gz = m.r0.z * at->gx[i] + m.r1.z * at->gy[i] + m.r2.z * at->gz[i];
+        float cross = c->wxy[i] * gx * gy + c->wyz[i] * gy * gz + c->wzx[i] * gz * gx;
+        float width2 = c->wxx[i] * gx * gx + c->wyy[i] * gy * gy + c->wzz[i] * gz * gz + 2.0f * cross;
+        float most = 2.0f * c->ramp[i], least = WIDTH_MIN * most;
+        float width = sqrtf(clamp_f(width2, least * least, most * most));
+        coverage[i] = clamp_f(0.5f - at->phi_m[i] / width, 0.0f, 1.0f);
+    }
+}
+
+/* Share of a piece of width b that lies below a plane at height h. */
+static float share_below(float h, float width, float most) {
+    float least = WIDTH_MIN * most;
+    return clamp_f(0.5f - h / clamp_f(width, least, most), 0.0f, 1.0f);
+}
+
+/* A piece over a crease is cut by several planes at once. Where they meet convexly it is inside as far as it is below all of
+ * them, taken as independent; where they meet concavely, as far as it is not in the space round them. */
+float cr_cover_by_planes(const cr_planes *p, const struct cr_img_cluster *c, int i, const float *height, float top,
+                         float distance) {
+    float share = 1.0f;
+    const float ramp = c->ramp[i];
+    for (uint32_t k = 0; k < p->count; k++) {
+        if (height[k] <= -ramp) {
+            continue; /* all of it is below: the width is at most two ramps */
+        }
+        const cr_vec3 n = p->normal_tool[k];
+        float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+        float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+        share *= share_below(height[k], sqrtf(max_f(0.0f, width2)), 2.0f * ramp);
+    }
+    /* Beside an edge the distance is longer than the heights: fade out late, where it comes near the ramp. */
+    if (distance > top) {
+        share *= clamp_f(FADE * (ramp - distance) / (ramp - top), 0.0f, 1.0f);
+    }
+    return share;
+}
+
+/* The same for a lane whose distance was looked up. */
+static float cover_looked_up(const cr_planes *p, const struct cr_img_cluster *c, const cr_lookup *at, int i) {
+    float height[CR_KIND_FACETS_MAX], top = -3.4e38f;
+    for (uint32_t k = 0; k < p->count; k++) {
+        height[k] = v3_dot(p->normal_tool[k], v3(c->x[i], c->y[i], c->z[i])) + p->offset_m[k];
+        top = max_f(top, height[k]);
+    }
+    float share = cr_cover_by_planes(p, c, i, height, top, max_f(top, at->phi_m[i] * p->sign));
+    return p->sign < 0.0f ? 1.0f - share : share;
+}
+
+void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c, const cr_lookup *at,
+              float *coverage) {
+    if (mode == CR_COVERAGE_HARD) {
+        for (int i = 0; i < CR_LANES; i++) {
+            coverage[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
+        }
+        return;
+    }
+    cover_by_slope(pose, c, at, coverage);
+    cr_planes planes;
+    planes.kind = planes.count = 0u;
+    planes.sign = 1.0f;
+    for (uint32_t over = at->from_facet & ((1u << c->count) - 1u); over != 0u;) {
+        int i = take_lane(&over);
+        if (!(abs_f(at->phi_m[i]) < c->ramp[i])) {
+            continue;
+        }
+        if (at->kind[i] != planes.kind) {
+            cr_planes_turn(s, pose, at->kind[i], &planes);
+        }
+        coverage[i] = cover_looked_up(&planes, c, at, i);
+    }
+}
+
+void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {
+    float area[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        area[i] = w[i] * c->area[i];
+    }
+    sum->ax = sum_products(w, c->ax);
+    sum->ay = sum_products(w, c->ay);
+    sum->az = sum_products(w, c->az);
+    sum->px = sum_products(area, c->x);
+    sum->py = sum_products(area, c->y);
+    sum->pz = sum_products(area, c->z);
+    sum->area = sum_products(w, c->area);
+    sum->peak = w[0];
+    for (int i = 1; i < CR_LANES; i++) {
+        sum->peak = max_f(sum->peak, w[i]);
+    }
+}

@@ -1,0 +1,708 @@
+/* detect: which clusters of the shell reach into the static object, and what they touch there.
+ *
+ * Four levels of skipping, each conservative (DESIGN.md "Detect"): the whole tool against the top level, the sphere tree,
+ * temporal coherence, and whole clusters that are certainly inside. Coverage is exactly 0 or 1 wherever a skip applies, so the
+ * sums are the same to the bit with any of them switched off.
+ *
+ * A search that needs more lookups than a tick may make stops between two of them, and goes on where it stopped. */
+#include "contact/stages.h"
+
+/* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
+#define ROUNDING_M 2e-6f
+/* Most lookups of one step of the traversal: a group of leaves, and each of its clusters. */
+#define STEP_LOOKUPS (1u + CR_LANES)
+/* Odometers are rebased here: beyond it their last bit would exceed the slack. */
+#define ODOMETER_MAX_M 8.0f
+#define WAKE_NOW (-1.0f)
+
+static void forget(cr_motion *m) {
+    m->slide_m = 0.0f;
+    m->turn_rad = 0.0f;
+    m->root_wake_m = WAKE_NOW;
+    for (uint32_t i = 0; i < m->wake_count; i++) {
+        m->wake_m[i] = WAKE_NOW;
+    }
+}
+
+void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
+    if (m->valid) {
+        cr_quat a = m->last.rot, b = pose->rot;
+        float flip = a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z < 0.0f ? -1.0f : 1.0f;
+        float dw = b.w - flip * a.w, dx = b.x - flip * a.x, dy = b.y - flip * a.y, dz = b.z - flip * a.z;
+        /* |2 sin(angle / 2)| <= 2 |dq|; both odometers are rounded up. */
+        m->turn_rad += 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
+        m->slide_m += v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f;
+    }
+    if (!m->valid || !(m->slide_m < ODOMETER_MAX_M) || !(m->turn_rad < ODOMETER_MAX_M)) {
+        forget(m);
+    }
+    m->valid = 1u;
+    m->last = *pose;
+}
+
+/* Everything one traversal reads and writes. */
+typedef struct {
+    const cr_field *field;
+    const cr_scene *scene;
+    const xform *pose;
+    const cr_detect_options *options;
+    cr_motion *motion;
+    cr_search *search;
+    cr_contact_set *set;
+    cr_stats *stats;
+    float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
+    float slack_in_m;  /* the same inside */
+    float reach_m;     /* how far beside it the sample or cluster in hand touches other facets */
+    uint32_t lookups;
+    cr_planes *planes; /* those that the last cluster on planes lay at */
+    float apart_m;     /* a plane this much lower than another does not matter */
+} walk;
+
+/* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
+typedef struct {
+    cr_lanes3 world;
+    cr_lookup centres;
+} batch;
+
+static uint32_t lanes_where_below(const float *value, const float *limit) {
+    uint32_t mask = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        mask |= (uint32_t)(value[i] < limit[i]) << i;
+    }
+    return mask;
+}
+
+static cr_hit *add_hit(walk *w, uint32_t cluster) {
+    if (w->set->hit_count >= CR_CLUSTERS_MAX) {
+        w->stats->clusters_dropped++;
+        return NULL;
+    }
+    cr_hit *hit = &w->set->hits[w->set->hit_count++];
+    hit->cluster = cluster;
+    hit->area = CR_HIT_NONE;
+    hit->planes = 0u;
+    return hit;
+}
+
+/* The touch of this hit on the patch of facet, made when missing. */
+static cr_touch *find_touch(walk *w, uint32_t first, uint32_t facet) {
+    const struct cr_img_facet *facets = w->scene->facets;
+    for (uint32_t t = first; t < w->set->touch_count; t++) {
+        cr_touch *touch = &w->set->touches[t];
+        if (touch->facet == facet) {
+            return touch;
+        }
+        if (facets[touch->facet].patch == facets[facet].patch) {
+            touch->mixed = 1u;
+            return touch;
+        }
+    }
+    if (w->set->touch_count >= CR_TOUCHES_MAX) {
+        w->stats->touches_dropped++;
+        return NULL;
+    }
+    cr_touch *touch = &w->set->touches[w->set->touch_count++];
+    touch->hit = (uint16_t)(w->set->hit_count - 1u);
+    touch->mixed = (uint16_t)facets[facet].curved;
+    touch->facet = facet;
+    touch->area_m2 = 0.0f;
+    touch->normal_sum_m2 = v3(0.0f, 0.0f, 0.0f);
+    touch->point_sum_m3 = v3(0.0f, 0.0f, 0.0f);
+    touch->tool_sum_m2 = v3(0.0f, 0.0f, 0.0f);
+    return touch;
+}
+
+/* Facet of the static surface that a lane is nearest to, or CR_FACET_NONE away from the surface. */
+static uint32_t facet_of_lane(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p) {
+    const cr_scene *s = f->scene;
+    if ((at->from_facet >> lane) & 1u) {
+        return at->facet[lane];
+    }
+    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(f, at, lane)];
+    if (kind->count < 2u) {
+        return kind->count == 1u ? kind->facet[0] : CR_FACET_NONE;
+    }
+    /* Mixed: the facet whose plane passes nearest and faces the way the distance grows. */
+    uint32_t best = kind->facet[0];
+    float best_cost = 3.4e38f;
+    cr_vec3 g = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *plane = &s->facets[kind->facet[k]];
+        float off = abs_f(v3_dot(v3_from(plane->normal), p) - plane->offset_m - at->phi_m[lane]);
+        float cost = off + (1.0f - v3_dot(v3_from(plane->normal), g)) * s->meta->voxel_m;
+        if (cost < best_cost) {
+            best_cost = cost;
+            best = kind->facet[k];
+        }
+    }
+    return best;
+}
+
+static void add_to_touch(cr_touch *touch, float area_m2, cr_vec3 normal, cr_vec3 surface) {
+    touch->area_m2 += area_m2;
+    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area_m2);
+    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area_m2);
+}
+
+/* The other facets that meet in the lane's crease cell, the more the nearer they are: a zone that is inside the tool between its
+ * samples must be known, or the normal could not turn towards it. */
+static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
+    const struct cr_img_kind *kind = &w->scene->kinds[at->kind[lane]];
+    const float per_reach = 1.0f / max_f(w->reach_m, 1e-9f);
+    for (uint32_t k = 0; k < kind->count; k++) {
+        if (kind->facet[k] == at->facet[lane]) {
+            continue;
+        }
+        const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
+        cr_vec3 normal = v3_from(facet->normal);
+        float height = v3_dot(normal, p_world) - facet->offset_m;
+        float part = 1.0f - abs_f(height - at->phi_m[lane]) * per_reach;
+        if (part <= 0.0f) {
+            continue;
+        }
+        cr_touch *touch = find_touch(w, first, kind->facet[k]);
+        if (touch != NULL) {
+            add_to_touch(touch, area_m2 * part, normal, v3_mad(p_world, normal, -height));
+        }
+    }
+}
+
+/* What is deeper inside than a sample is wide tells less and less of the surface: half-way between two faces the nearest changes at
+ * once. */
+static float part_told(float spacing_m, float phi_m) {
+    float deeper = -(phi_m + spacing_m);
+    return deeper > 0.0f ? spacing_m * spacing_m / (spacing_m * spacing_m + deeper * deeper) : 1.0f;
+}
+
+/* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
+static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
+                          cr_vec3 area_tool) {
+    uint32_t index = facet_of_lane(w->field, at, lane, p_world);
+    if (index == CR_FACET_NONE) {
+        return;
+    }
+    const struct cr_img_facet *facet = &w->scene->facets[index];
+    cr_vec3 gradient = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
+    cr_vec3 normal = facet->curved ? v3_unit(gradient, 1e-3f) : v3_from(facet->normal);
+    cr_touch *touch = find_touch(w, first, index);
+    if (touch == NULL) {
+        return;
+    }
+    area_m2 *= part_told(w->scene->meta->spacing_m, at->phi_m[lane]);
+    add_to_touch(touch, area_m2, normal, v3_mad(p_world, gradient, -at->phi_m[lane]));
+    touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, area_tool);
+    if ((at->from_facet >> lane) & 1u) {
+        touch_beside(w, first, at, lane, p_world, area_m2);
+    }
+}
+
+/* A cluster that is inside as a whole: sums from the image, surface from its centre. */
+static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
+    cr_hit *hit = add_hit(w, cluster);
+    if (hit == NULL) {
+        return;
+    }
+    uint32_t first = w->set->touch_count;
+    w->reach_m = w->scene->meta->crease_m;
+    hit->covered = 0xffffu;
+    hit->inside = 0xffffu;
+    hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
+    hit->whole = 1u;
+    hit->sum = w->scene->sums[cluster];
+    w->set->contacts += w->scene->clusters[cluster].count;
+    if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
+        cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
+        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
+    }
+}
+
+/* Smallest distance that any of 16 points still has to go before it is covered. */
+static float smallest_clearance(const struct cr_img_cluster *c, const float *phi_m, float slack_m) {
+    float clearance[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        clearance[i] = phi_m[i] - c->ramp[i] - slack_m;
+    }
+    float least = clearance[0];
+    for (int i = 1; i < CR_LANES; i++) {
+        least = min_f(least, clearance[i]);
+    }
+    return least;
+}
+
+/* Lanes of `among` that are beside `seed`, or beside those, and so on. */
+static uint32_t connected_lanes(const struct cr_img_cluster *c, uint32_t seed, uint32_t among) {
+    uint32_t found = seed, fresh = seed;
+    while (fresh != 0u && found != among) {
+        uint32_t next = c->beside[take_lane(&fresh)] & among & ~found;
+        found |= next;
+        fresh |= next;
+    }
+    return found;
+}
+
+/* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
+typedef struct {
+    uint32_t cluster;
+    const struct cr_img_cluster *c;
+    const cr_lanes3 *world; /* looked up: the points and what was found at each */
+    const cr_lookup *at;
+    const cr_planes
+        *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
+    const cr_heights *heights;
+    const float *coverage; /* 0 where `covered` is not set */
+    uint32_t covered, full, inside, near;
+} looked;
+
+/* The one planar facet that all these lanes are over, or CR_FACET_NONE. */
+static uint32_t common_facet(const walk *w, const looked *l, uint32_t lanes) {
+    const cr_scene *s = w->scene;
+    uint32_t common = CR_FACET_NONE, plain = CR_TOP_FAR; /* plain: the last brick that has one kind for all of it */
+    if ((lanes & l->at->from_facet) != 0u) {
+        return CR_FACET_NONE;
+    }
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        uint32_t entry = l->at->entry[i];
+        if (entry == plain) {
+            continue;
+        }
+        const struct cr_img_kind *kind = &s->kinds[cr_field_kind(w->field, l->at, i)];
+        uint32_t facet = kind->facet[0];
+        if (kind->count != 1u || s->facets[facet].curved || (common != CR_FACET_NONE && facet != common)) {
+            return CR_FACET_NONE;
+        }
+        common = facet;
+        plain = s->bricks[entry].cells == CR_CELLS_NONE ? entry : plain;
+    }
+    return common;
+}
+
+/* Part of a hit that is over one planar facet, by its sums: points project onto the plane all alike. */
+static void touch_plane(walk *w, uint32_t first, uint32_t facet, const struct cr_img_sum *sum) {
+    const struct cr_img_facet *plane = &w->scene->facets[facet];
+    cr_touch *touch = find_touch(w, first, facet);
+    if (touch == NULL) {
+        return;
+    }
+    cr_vec3 normal = v3_from(plane->normal);
+    cr_vec3 points = v3_mad(xform_rotate(w->pose, v3(sum->px, sum->py, sum->pz)), w->pose->t, sum->area);
+    float height = v3_dot(normal, points) - plane->offset_m * sum->area;
+    float told = part_told(w->scene->meta->spacing_m, height / max_f(sum->area, 1e-20f));
+    add_to_touch(touch, told * sum->area, normal, v3(0.0f, 0.0f, 0.0f));
+    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, v3_mad(points, normal, -height), told);
+    touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, v3(sum->ax, sum->ay, sum->az));
+}
+
+/* How far from its nearest facet a lane touches others: a crease or corner of the tool is as wide as its ramp; a face between samples
+ * reaches into all of a crease cell. */
+static float reach_of_lane(const walk *w, const struct cr_img_cluster *c, int lane) {
+    return ((c->crease_mask | c->vertex_mask) >> lane) & 1u ? c->ramp[lane] : w->scene->meta->crease_m;
+}
+
+/* Lanes at or near the highest plane of which is plane k: those at less than their reach below. */
+static uint32_t lanes_at_plane(const walk *w, const looked *l, uint32_t k, uint32_t lanes) {
+    const float *height = l->heights->height_m[k], *top = l->heights->top_m;
+    uint32_t at = 0u;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        at |= (uint32_t)(top[i] - height[i] < reach_of_lane(w, l->c, i)) << i;
+    }
+    return at;
+}
+
+/* Sums over lanes at a plane: the less of a lane the lower the plane lies below its highest. Its area vector faces that alone. */
+static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k, uint32_t lanes) {
+    const struct cr_img_cluster *c = l->c;
+    struct cr_img_sum sum = {0};
+    const float *height = l->heights->height_m[k], *top = l->heights->top_m;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        float share = l->coverage[i], area = share * c->area[i];
+        area *= 1.0f - (top[i] - height[i]) / max_f(reach_of_lane(w, c, i), 1e-9f);
+        sum.area += area;
+        sum.px += area * c->x[i];
+        sum.py += area * c->y[i];
+        sum.pz += area * c->z[i];
+        if ((l->heights->highest[k] >> i) & 1u) {
+            sum.ax += share * c->ax[i];
+            sum.ay += share * c->ay[i];
+            sum.az += share * c->az[i];
+        }
+    }
+    return sum;
+}
+
+/* What a hit touches of the planes it lies at: of each lane the highest, and others as far as they come near that. */
+static void touch_planes(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
+    const uint32_t first = w->set->touch_count;
+    for (uint32_t k = 0; k < l->planes->count; k++) {
+        if ((lanes & ~l->heights->highest[k]) == 0u) {
+            touch_plane(w, first, l->planes->facet[k], &hit->sum);
+            continue;
+        }
+        const uint32_t at = lanes_at_plane(w, l, k, lanes);
+        if (at != 0u) {
+            const struct cr_img_sum sum = sum_at_plane(w, l, k, at);
+            touch_plane(w, first, l->planes->facet[k], &sum);
+        }
+    }
+}
+
+/* What a hit touches, lane by lane as it was looked up. */
+static void touch_looked_up(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
+    const uint32_t first = w->set->touch_count, facet = common_facet(w, l, lanes);
+    if (facet != CR_FACET_NONE) {
+        touch_plane(w, first, facet, &hit->sum);
+        return;
+    }
+    while (lanes != 0u) {
+        int i = take_lane(&lanes);
+        cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), l->coverage[i]);
+        cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
+        w->reach_m = reach_of_lane(w, l->c, i);
+        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * l->coverage[i], area_tool);
+    }
+}
+
+/* The hit of some covered lanes of a cluster that hang together. */
+static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
+    cr_hit *hit = add_hit(w, l->cluster);
+    if (hit == NULL) {
+        return;
+    }
+    uint32_t around = lanes;
+    float some[CR_LANES];
+    for (int i = 0; i < CR_LANES && lanes != l->covered; i++) {
+        some[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
+    }
+    for (uint32_t left = lanes; left != 0u && (l->near & ~around) != 0u;) {
+        around |= l->c->beside[take_lane(&left)];
+    }
+    hit->covered = (uint16_t)lanes;
+    hit->inside = (uint16_t)(l->inside & lanes);
+    hit->near = (uint16_t)(l->near & around);
+    hit->whole = 0u;
+    cr_sum_cluster(l->c, lanes == l->covered ? l->coverage : some, &hit->sum);
+    w->set->contacts += count_lanes(hit->inside);
+    if (l->planes != NULL) {
+        hit->planes = (uint16_t)l->planes->kind;
+        touch_planes(w, l, hit, lanes);
+    } else {
+        touch_looked_up(w, l, hit, lanes);
+    }
+}
+
+/* The hits of a cluster with covered lanes. */
+static void take_points(walk *w, const looked *l, const batch *b, int lane) {
+    if (l->full == (1u << l->c->count) - 1u) {
+        take_whole(w, l->cluster, b, lane);
+        return;
+    }
+    for (uint32_t left = l->covered; left != 0u;) {
+        uint32_t lanes = connected_lanes(l->c, left & (~left + 1u), left);
+        take_lanes(w, l, lanes);
+        left &= ~lanes;
+    }
+}
+
+static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+    const uint32_t used = (1u << c->count) - 1u;
+    cr_lanes3 world;
+    cr_lookup at;
+    float coverage[CR_LANES];
+    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
+    cr_field_look_up(w->field, &world, &at);
+    cr_cover(w->scene, w->pose, w->options->coverage, c, &at, coverage);
+    uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+        full |= (uint32_t)(coverage[i] >= 1.0f) << i;
+        outside |= (uint32_t)(at.phi_m[i] > 0.0f) << i;
+        near |= (uint32_t)(at.phi_m[i] < c->reach[i]) << i;
+    }
+    covered &= used;
+    if (covered == 0u) {
+        return max_f(0.0f, smallest_clearance(c, at.phi_m, w->slack_out_m));
+    }
+    near = (near & c->crease_mask) | (covered & outside & ~(c->crease_mask | c->vertex_mask));
+    const looked l = {cluster, c, &world, &at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
+    take_points(w, &l, b, lane);
+    return 0.0f;
+}
+
+/* Coverage of a lane that planes cut, in the mode of the options, and its distance. */
+static float cover_cut_lane(const walk *w, const looked *l, int i, float *phi_m) {
+    const cr_planes *p = l->planes;
+    const float top = l->heights->top_m[i];
+    float height[CR_KIND_FACETS_MAX], distance = top, share = (float)(top <= 0.0f);
+    height[0] = top;
+    if (p->count > 1u) {
+        for (uint32_t k = 0; k < p->count; k++) {
+            height[k] = l->heights->height_m[k][i];
+        }
+        distance = cr_planes_distance(p, height, top);
+    }
+    if (w->options->coverage != CR_COVERAGE_HARD) {
+        share = cr_cover_by_planes(p, l->c, i, height, top, distance);
+    }
+    *phi_m = distance * p->sign;
+    return p->sign < 0.0f ? 1.0f - share : share;
+}
+
+/* A cluster and the sphere round it, in the tool frame. */
+typedef struct {
+    uint32_t cluster;
+    cr_vec3 centre_m;
+    float radius_m, reach_m; /* reach: with the margin */
+} leaf;
+
+static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
+    const uint32_t used = (1u << c->count) - 1u;
+    cr_heights h;
+    cr_planes one;
+    float coverage[CR_LANES];
+    const cr_planes *p = cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
+    cr_planes_measure(p, c, &h);
+    uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
+    looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
+    for (int i = 0; i < CR_LANES; i++) {
+        coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
+    }
+    for (uint32_t left = h.cut & used; left != 0u;) {
+        const int i = take_lane(&left);
+        float phi_m;
+        coverage[i] = cover_cut_lane(w, &l, i, &phi_m);
+        covered |= (uint32_t)(coverage[i] > 0.0f) << i;
+        full |= (uint32_t)(coverage[i] >= 1.0f) << i;
+        inside |= (uint32_t)(phi_m <= 0.0f) << i;
+        near |= (uint32_t)(phi_m < c->reach[i]) << i;
+    }
+    if (covered == 0u) {
+        for (int i = 0; i < CR_LANES; i++) {
+            coverage[i] = h.top_m[i] * p->sign;
+        }
+        return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
+    }
+    l.covered = covered;
+    l.full = full;
+    l.inside = inside;
+    l.near = (near & c->crease_mask) | (covered & ~inside & ~(c->crease_mask | c->vertex_mask));
+    take_points(w, &l, b, lane);
+    return 0.0f;
+}
+
+/* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
+static float look_at_points(walk *w, const leaf *f, const batch *b, int lane) {
+    const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
+    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, f->reach_m);
+    w->stats->points += w->scene->clusters[f->cluster].count;
+    if (kind == 0u) {
+        return look_up_points(w, f->cluster, b, lane);
+    }
+    if (w->planes->kind != kind) {
+        cr_planes_turn(w->scene, w->pose, kind, w->planes);
+    }
+    return measure_points(w, f, b, lane);
+}
+
+/* Lanes of a group worth looking at: all but those that coherence knows to be free. */
+static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t group) {
+    uint32_t mask = (1u << g->count) - 1u;
+    if (!(w->options->skip & CR_SKIP_COHERENCE)) {
+        return mask;
+    }
+    const float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
+    float moved[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        moved[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i];
+    }
+    uint32_t asleep = lanes_where_below(moved, wake) & mask;
+    w->stats->nodes_coherent += count_lanes(asleep);
+    return mask & ~asleep;
+}
+
+/* One leaf sphere that was looked at: free, whole, or to be looked at point by point. */
+static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
+    const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
+    const uint32_t at = slot % CR_LANES;
+    leaf f;
+    f.cluster = g->child[at];
+    f.centre_m = v3(g->x[at], g->y[at], g->z[at]);
+    f.radius_m = g->radius[at];
+    f.reach_m = f.radius_m + g->margin[at];
+    float phi = b->centres.phi_m[lane], moved = w->motion->slide_m + w->motion->turn_rad * g->rho[at];
+    float *wake = &w->motion->wake_m[slot];
+    if (w->options->skip & CR_SKIP_TREE) {
+        float clearance = phi - f.reach_m - w->slack_out_m;
+        if (clearance > 0.0f) {
+            *wake = moved + clearance * 0.999999f;
+            return;
+        }
+        if (-phi > f.reach_m + w->slack_in_m) {
+            w->stats->clusters_inside++;
+            take_whole(w, f.cluster, b, lane);
+            return;
+        }
+    }
+    w->lookups++;
+    *wake = moved + look_at_points(w, &f, b, lane) * 0.999999f;
+}
+
+/* Look at the leaf spheres that wait, in cluster order. */
+static void look_at_waiting(walk *w) {
+    cr_search *s = w->search;
+    const uint32_t count = s->waiting;
+    batch b;
+    if (count == 0u) {
+        return;
+    }
+    for (uint32_t i = 0; i < CR_LANES; i++) {
+        const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
+        const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
+        b.world.x[i] = g->x[lane]; /* of the tool yet */
+        b.world.y[i] = g->y[lane];
+        b.world.z[i] = g->z[lane];
+    }
+    w->lookups++;
+    w->stats->nodes += count;
+    cr_lanes_to_world(w->pose, b.world.x, b.world.y, b.world.z, &b.world);
+    cr_field_look_up_lanes(w->field, &b.world, (1u << count) - 1u, &b.centres);
+    for (uint32_t i = 0; i < count; i++) {
+        visit_cluster(w, s->slot[i], &b, (int)i);
+    }
+    s->waiting = 0u;
+}
+
+static void let_wait(walk *w, uint32_t group, uint32_t lanes) {
+    cr_search *s = w->search;
+    while (lanes != 0u) {
+        s->slot[s->waiting++] = group * CR_LANES + (uint32_t)take_lane(&lanes);
+        if (s->waiting == CR_LANES) {
+            look_at_waiting(w);
+        }
+    }
+}
+
+/* Look at the spheres of an inner group: free lanes go to sleep; returns those to descend into. */
+static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
+    const struct cr_img_group *g = &w->scene->groups[group];
+    if (lanes == 0u || !(w->options->skip & CR_SKIP_TREE)) {
+        return lanes;
+    }
+    cr_lanes3 world;
+    cr_lookup centres;
+    float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
+    w->lookups++;
+    w->stats->nodes += count_lanes(lanes);
+    cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
+    cr_field_look_up_lanes(w->field, &world, lanes, &centres);
+    for (uint32_t left = lanes; left != 0u;) {
+        int i = take_lane(&left);
+        float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
+        if (clearance > 0.0f) {
+            wake[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance * 0.999999f;
+            lanes &= ~(1u << i);
+        }
+    }
+    return lanes;
+}
+
+/* One level down: the lanes of a group that are left to descend into; leaves wait for their look. */
+static void enter_group(walk *w, uint32_t group) {
+    const struct cr_img_group *g = &w->scene->groups[group];
+    cr_search_level *level = &w->search->stack[w->search->depth++];
+    uint32_t lanes = find_awake(w, g, group);
+    level->group = group;
+    level->lanes = 0u;
+    if (g->leaf) {
+        let_wait(w, group, lanes);
+    } else {
+        level->lanes = find_open(w, group, lanes);
+    }
+}
+
+/* Go on until nothing is left, or the next step might be one too many. Returns whether nothing is left. */
+static int descend(walk *w, uint32_t lookups_max) {
+    cr_search *s = w->search;
+    while (s->depth > 0u && w->lookups + STEP_LOOKUPS <= lookups_max) {
+        cr_search_level *level = &s->stack[s->depth - 1u];
+        if (level->lanes == 0u) {
+            s->depth--;
+        } else {
+            const int lane = take_lane(&level->lanes);
+            enter_group(w, w->scene->groups[level->group].child[lane]);
+        }
+    }
+    if (s->depth > 0u || w->lookups + STEP_LOOKUPS > lookups_max) {
+        return 0;
+    }
+    look_at_waiting(w);
+    return 1;
+}
+
+static int tool_is_free(walk *w) {
+    const struct cr_img_meta *m = w->scene->meta;
+    float moved = w->motion->slide_m + w->motion->turn_rad * m->tool_radius_m;
+    if ((w->options->skip & CR_SKIP_COHERENCE) && moved < w->motion->root_wake_m) {
+        w->stats->nodes_coherent++;
+        return 1;
+    }
+    if (!(w->options->skip & CR_SKIP_TOP)) {
+        return 0;
+    }
+    cr_vec3 c = xform_point(w->pose, v3_from(m->root_centre_m));
+    cr_lanes3 p;
+    cr_lookup at;
+    for (int i = 0; i < (CR_SCALAR ? 1 : CR_LANES); i++) {
+        p.x[i] = c.x;
+        p.y[i] = c.y;
+        p.z[i] = c.z;
+    }
+    cr_field_look_up_lanes(w->field, &p, 1u, &at);
+    w->stats->nodes++;
+    float clearance = at.phi_m[0] - m->root_radius_m - m->ramp_max_m - w->slack_out_m;
+    w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : WAKE_NOW;
+    return clearance > 0.0f;
+}
+
+/* The pose of this search has become too old: what was not seen is left out. */
+static void give_up(walk *w) {
+    cr_search *s = w->search;
+    w->stats->clusters_dropped += s->waiting;
+    for (uint32_t i = 0; i < s->depth; i++) {
+        w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
+    }
+    s->depth = s->waiting = 0u;
+}
+
+int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
+              cr_search *search, cr_contact_set *set, cr_stats *stats) {
+    cr_planes planes;
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f, 0u, &planes, 0.0f};
+    float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
+    w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
+    w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
+    if (!search->open) {
+        search->depth = search->waiting = search->calls = 0u;
+        set->hit_count = 0u;
+        set->touch_count = 0u;
+        set->contacts = 0u;
+        if (tool_is_free(&w)) {
+            return 1;
+        }
+    }
+    planes.kind = 0u;
+    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
+    if (!search->open) {
+        enter_group(&w, 0u);
+    }
+    search->open = !descend(&w, options->lookups_max);
+    search->calls++;
+    if (search->open && search->calls >= CR_SEARCH_TICKS_MAX) {
+        give_up(&w);
+        search->open = 0u;
+    }
+    return !search->open;
+}

@@ -1,0 +1,282 @@
+/* field: signed distance of 16 points at a time from the two-level voxmap.
+ *
+ * With vectors (CR_SCALAR 0) every loop over lanes holds no branch, so that compilers turn it into vector code; the loads in between are
+ * the only scalar part: one top entry, one brick record and four pairs of samples for each lane. */
+#include "contact/stages.h"
+
+#include <string.h>
+
+void cr_field_init(cr_field *field, const cr_scene *scene) {
+    const struct cr_img_meta *m = scene->meta;
+    field->scene = scene;
+    field->inv_brick = 1.0f / m->brick_m;
+    for (int a = 0; a < 3; a++) {
+        field->dims[a] = (int32_t)m->dims[a];
+        /* 1 - 2^-22 below the count: truncation gives at most dims - 1 for any dims up to 65536. */
+        field->grid_max[a] = (float)m->dims[a] * (1.0f - 1.0f / 4194304.0f);
+    }
+}
+
+void cr_lanes_to_world(const xform *m, const float *x, const float *y, const float *z, cr_lanes3 *world_m) {
+    for (int i = 0; i < CR_LANES; i++) {
+        const float px = x[i], py = y[i], pz = z[i]; /* read before the writes below, which may lie anywhere */
+        world_m->x[i] = m->r0.x * px + m->r0.y * py + m->r0.z * pz + m->t.x;
+        world_m->y[i] = m->r1.x * px + m->r1.y * py + m->r1.z * pz + m->t.y;
+        world_m->z[i] = m->r2.x * px + m->r2.y * py + m->r2.z * pz + m->t.z;
+    }
+}
+
+static inline uint32_t load_pair(const int16_t *at) {
+    uint32_t pair;
+    memcpy(&pair, at, sizeof pair); /* one load where the target allows it; the low half is the first sample */
+    return pair;
+}
+
+static inline float first_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair & 0xffffu); }
+static inline float second_of(uint32_t pair) { return (float)(int16_t)(uint16_t)(pair >> 16); }
+
+/* Trilinear value and gradient in a cell, in its own units. A cell is flat where its samples are, so planes come out exact. */
+typedef struct {
+    float value, x, y, z;
+} sloped;
+
+static inline sloped trilinear(uint32_t pair00, uint32_t pair10, uint32_t pair01, uint32_t pair11, float x, float y,
+                               float z) {
+    float c00 = first_of(pair00), c10 = first_of(pair10);
+    float c01 = first_of(pair01), c11 = first_of(pair11);
+    float d00 = second_of(pair00) - c00, d10 = second_of(pair10) - c10;
+    float d01 = second_of(pair01) - c01, d11 = second_of(pair11) - c11;
+    float a00 = c00 + d00 * x, a10 = c10 + d10 * x;
+    float a01 = c01 + d01 * x, a11 = c11 + d11 * x;
+    float b0 = a00 + (a10 - a00) * y, b1 = a01 + (a11 - a01) * y;
+    float dx0 = d00 + (d10 - d00) * y, dx1 = d01 + (d11 - d01) * y;
+    float dy0 = a10 - a00, dy1 = a11 - a01;
+    sloped r = {b0 + (b1 - b0) * z, dx0 + (dx1 - dx0) * z, dy0 + (dy1 - dy0) * z, b1 - b0};
+    return r;
+}
+
+uint32_t cr_field_kind(const cr_field *f, const cr_lookup *at, int lane) {
+    if (at->entry[lane] & CR_TOP_FAR) {
+        return 0u;
+    }
+    const struct cr_img_brick *b = &f->scene->bricks[at->entry[lane]];
+    if (b->cells == CR_CELLS_NONE) {
+        return b->kind;
+    }
+    const float side = (float)CR_CELLS_SIDE;
+    const float last = side - 1.0f;
+    uint32_t kx = (uint32_t)min_f(at->ux[lane] * side, last), ky = (uint32_t)min_f(at->uy[lane] * side, last);
+    uint32_t kz = (uint32_t)min_f(at->uz[lane] * side, last);
+    return f->scene->cells[b->cells + (kz * CR_CELLS_SIDE + ky) * CR_CELLS_SIDE + kx];
+}
+
+/* Distances of lanes in crease cells, from the planes that meet there. */
+static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, cr_lookup *out) {
+    const struct cr_img_kind *kind = &f->scene->kinds[index];
+    cr_vec3 normal[CR_KIND_FACETS_MAX] = {{0.0f, 0.0f, 0.0f}};
+    float height[CR_KIND_FACETS_MAX] = {0.0f};
+    float sign = kind->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *facet = &f->scene->facets[kind->facet[k]];
+        normal[k] = v3_scale(v3_from(facet->normal), sign);
+        height[k] = v3_dot(v3_from(facet->normal), p) * sign - facet->offset_m * sign;
+    }
+    uint32_t nearest = 0u;
+    cr_vec3 grad;
+    out->phi_m[lane] = sign * cr_convex_distance(normal, height, kind->count, &nearest, &grad);
+    out->facet[lane] = kind->facet[nearest];
+    out->kind[lane] = index;
+    out->from_facet |= 1u << lane;
+    out->bent |= (uint32_t)(v3_dot(grad, normal[nearest]) < 0.99999f) << lane;
+    out->gx[lane] = sign * grad.x;
+    out->gy[lane] = sign * grad.y;
+    out->gz[lane] = sign * grad.z;
+}
+
+/* A lane in a brick with crease cells: its distance comes from planes when its cell has them and the surface is near. */
+static inline void use_crease(const cr_field *f, const cr_lanes3 *p, int i, cr_lookup *out) {
+    if (abs_f(out->phi_m[i]) >= f->scene->meta->crease_m) {
+        return;
+    }
+    uint32_t kind = cr_field_kind(f, out, i), what = f->scene->kinds[kind].kind;
+    if (what == CR_KIND_CONVEX || what == CR_KIND_CONCAVE) {
+        use_planes(f, kind, v3(p->x[i], p->y[i], p->z[i]), i, out);
+    }
+}
+
+#if CR_SCALAR
+
+/* Far lane: the lower bound of its brick, and how far it lies outside the grid. */
+static void use_bound(const cr_field *f, cr_vec3 beyond, uint32_t entry, int i, cr_lookup *out) {
+    float beyond_m = v3_norm(beyond) * f->scene->meta->brick_m;
+    float bound = (float)(int32_t)(entry & CR_TOP_BOUND) * f->scene->meta->quantum_m + beyond_m;
+    out->phi_m[i] = (entry & CR_TOP_INSIDE) ? -bound : bound;
+    out->gx[i] = out->gy[i] = out->gz[i] = 0.0f;
+}
+
+/* The same arithmetic as below, one lane from end to end, so that it stays in registers and far lanes read no samples. */
+void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lanes, cr_lookup *out) {
+    const cr_scene *s = f->scene;
+    const struct cr_img_meta *m = s->meta;
+    const float inv = f->inv_brick, quantum = m->quantum_m, slope = quantum * inv;
+    out->from_facet = 0u;
+    out->bent = 0u;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        float gx = (p->x[i] - m->origin_m[0]) * inv, gy = (p->y[i] - m->origin_m[1]) * inv;
+        float gz = (p->z[i] - m->origin_m[2]) * inv;
+        float cx = clamp_f(gx, 0.0f, f->grid_max[0]), cy = clamp_f(gy, 0.0f, f->grid_max[1]);
+        float cz = clamp_f(gz, 0.0f, f->grid_max[2]);
+        int32_t ix = (int32_t)cx, iy = (int32_t)cy, iz = (int32_t)cz;
+        const uint32_t entry = s->top[(iz * f->dims[1] + iy) * f->dims[0] + ix];
+        const float ux = cx - (float)ix, uy = cy - (float)iy, uz = cz - (float)iz;
+        out->entry[i] = entry;
+        out->ux[i] = ux;
+        out->uy[i] = uy;
+        out->uz[i] = uz;
+        if (entry & CR_TOP_FAR) {
+            use_bound(f, v3(gx - cx, gy - cy, gz - cz), entry, i, out);
+            continue;
+        }
+        const struct cr_img_brick *b = &s->bricks[entry];
+        const int32_t side = (int32_t)b->side, row = side + 1;
+        const float n = (float)side, last = n - 1.0f;
+        const float vx = ux * n, vy = uy * n, vz = uz * n;
+        const int32_t kx = (int32_t)min_f(vx, last), ky = (int32_t)min_f(vy, last), kz = (int32_t)min_f(vz, last);
+        const int16_t *low = s->samples + (int32_t)b->samples + (kz * row + ky) * row + kx, *high = low + row * row;
+        sloped r = trilinear(load_pair(low), load_pair(low + row), load_pair(high), load_pair(high + row),
+                             vx - (float)kx, vy - (float)ky, vz - (float)kz);
+        const float scale = slope * n;
+        out->phi_m[i] = r.value * quantum;
+        out->gx[i] = r.x * scale;
+        out->gy[i] = r.y * scale;
+        out->gz[i] = r.z * scale;
+        if (b->creased) {
+            use_crease(f, p, i, out);
+        }
+    }
+}
+
+#else
+
+/* Brick of each lane and the lane's place in it; how far it lies outside the grid. */
+static void find_places(const cr_field *f, const cr_lanes3 *p, cr_lookup *at, int32_t *top, float *beyond_m) {
+    const struct cr_img_meta *m = f->scene->meta;
+    const float ox = m->origin_m[0], oy = m->origin_m[1], oz = m->origin_m[2];
+    const float inv = f->inv_brick, brick = m->brick_m;
+    const float hx = f->grid_max[0], hy = f->grid_max[1], hz = f->grid_max[2];
+    const int32_t nx = f->dims[0], ny = f->dims[1];
+    for (int i = 0; i < CR_LANES; i++) {
+        float gx = (p->x[i] - ox) * inv, gy = (p->y[i] - oy) * inv, gz = (p->z[i] - oz) * inv;
+        float cx = clamp_f(gx, 0.0f, hx), cy = clamp_f(gy, 0.0f, hy), cz = clamp_f(gz, 0.0f, hz);
+        float ex = gx - cx, ey = gy - cy, ez = gz - cz;
+        int32_t ix = (int32_t)cx, iy = (int32_t)cy, iz = (int32_t)cz;
+        beyond_m[i] = sqrtf(ex * ex + ey * ey + ez * ez) * brick;
+        at->ux[i] = cx - (float)ix;
+        at->uy[i] = cy - (float)iy;
+        at->uz[i] = cz - (float)iz;
+        top[i] = (iz * ny + iy) * nx + ix;
+    }
+}
+
+/* The eight samples round each lane, two neighbours along x in one word, and where the lane lies between them. */
+typedef struct {
+    uint32_t pair00[CR_LANES], pair10[CR_LANES], pair01[CR_LANES], pair11[CR_LANES];
+    float fx[CR_LANES], fy[CR_LANES], fz[CR_LANES];
+    float cells[CR_LANES]; /* cells along a side of the brick */
+} corners;
+
+/* What the loads reveal: whether any lane is far, and the lanes in bricks with crease cells. */
+typedef struct {
+    uint32_t far, creased;
+} lane_sets;
+
+static lane_sets load_corners(const cr_field *f, const int32_t *top, cr_lookup *at, corners *c) {
+    const cr_scene *s = f->scene;
+    int32_t base[CR_LANES], side[CR_LANES], index[CR_LANES], rows[CR_LANES], layers[CR_LANES];
+    lane_sets sets = {0u, 0u};
+    for (int i = 0; i < CR_LANES; i++) {
+        /* A far lane reads the first brick and is overwritten later: no branch, since far and near lanes mix at random. */
+        uint32_t entry = s->top[top[i]], far = entry >> 31;
+        const struct cr_img_brick *b = &s->bricks[far ? 0u : entry];
+        at->entry[i] = entry;
+        base[i] = (int32_t)b->samples;
+        side[i] = (int32_t)b->side;
+        sets.far |= far;
+        sets.creased |= ((uint32_t)b->creased & ~far) << i;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        float n = (float)side[i];
+        float vx = at->ux[i] * n, vy = at->uy[i] * n, vz = at->uz[i] * n;
+        float last = n - 1.0f;
+        int32_t kx = (int32_t)min_f(vx, last), ky = (int32_t)min_f(vy, last), kz = (int32_t)min_f(vz, last);
+        c->fx[i] = vx - (float)kx;
+        c->fy[i] = vy - (float)ky;
+        c->fz[i] = vz - (float)kz;
+        c->cells[i] = n;
+        int32_t row = side[i] + 1;
+        rows[i] = row;
+        layers[i] = row * row;
+        index[i] = base[i] + kz * layers[i] + ky * row + kx;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        const int16_t *low = s->samples + index[i], *high = low + layers[i];
+        c->pair00[i] = load_pair(low);
+        c->pair10[i] = load_pair(low + rows[i]);
+        c->pair01[i] = load_pair(high);
+        c->pair11[i] = load_pair(high + rows[i]);
+    }
+    return sets;
+}
+
+static void interpolate(const cr_field *f, const corners *c, cr_lookup *out) {
+    const float quantum = f->scene->meta->quantum_m;
+    const float slope = quantum * f->inv_brick;
+    for (int i = 0; i < CR_LANES; i++) {
+        sloped r = trilinear(c->pair00[i], c->pair10[i], c->pair01[i], c->pair11[i], c->fx[i], c->fy[i], c->fz[i]);
+        float s = slope * c->cells[i];
+        out->phi_m[i] = r.value * quantum;
+        out->gx[i] = r.x * s;
+        out->gy[i] = r.y * s;
+        out->gz[i] = r.z * s;
+    }
+}
+
+/* Far lanes: the lower bound of their brick, and how far they lie outside the grid. */
+static void use_bounds(const cr_field *f, const float *beyond_m, cr_lookup *out) {
+    const float quantum = f->scene->meta->quantum_m;
+    for (int i = 0; i < CR_LANES; i++) {
+        uint32_t entry = out->entry[i];
+        int far = (entry & CR_TOP_FAR) != 0u;
+        float bound = (float)(int32_t)(entry & CR_TOP_BOUND) * quantum + beyond_m[i];
+        float value = (entry & CR_TOP_INSIDE) ? -bound : bound;
+        out->phi_m[i] = far ? value : out->phi_m[i];
+        out->gx[i] = far ? 0.0f : out->gx[i];
+        out->gy[i] = far ? 0.0f : out->gy[i];
+        out->gz[i] = far ? 0.0f : out->gz[i];
+    }
+}
+
+void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lanes, cr_lookup *out) {
+    int32_t top[CR_LANES];
+    float beyond_m[CR_LANES];
+    corners c;
+    find_places(f, p, out, top, beyond_m);
+    lane_sets sets = load_corners(f, top, out, &c);
+    interpolate(f, &c, out);
+    out->from_facet = 0u;
+    out->bent = 0u;
+    if (sets.far != 0u) {
+        use_bounds(f, beyond_m, out);
+    }
+    sets.creased &= lanes;
+    while (sets.creased != 0u) {
+        use_crease(f, p, take_lane(&sets.creased), out);
+    }
+}
+
+#endif
+
+void cr_field_look_up(const cr_field *f, const cr_lanes3 *p, cr_lookup *out) {
+    cr_field_look_up_lanes(f, p, 0xffffu, out);
+}

@@ -1,0 +1,263 @@
+/* The stages of one tick, in flow order, and what passes between them. Internal: users include crease.h.
+ *
+ *     pose -> detect -> zones -> respond -> wrench
+ *
+ * Each stage reads const inputs, writes one output and counts in stats. Frames are in the names; lengths in m. */
+#ifndef CR_STAGES_H
+#define CR_STAGES_H
+
+#include "contact/image.h"
+#include "contact/math3.h"
+#include "crease.h"
+
+/* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
+typedef struct {
+    float phi_m[CR_LANES];
+    float gx[CR_LANES], gy[CR_LANES], gz[CR_LANES]; /* gradient, world frame; 0 in far bricks */
+    float ux[CR_LANES], uy[CR_LANES], uz[CR_LANES]; /* position in the brick, 0..1 */
+    uint32_t entry[CR_LANES];                       /* top entry of the brick */
+    uint32_t facet[CR_LANES];                       /* where bit is set in from_facet: facet whose plane is highest, */
+    uint32_t kind[CR_LANES];                        /* and what the cell sees */
+    uint32_t from_facet;                            /* lanes whose phi is from the planes of their cell */
+    uint32_t bent; /* of these, lanes nearest to an edge or a vertex: phi is not linear there */
+} cr_lookup;
+#define CR_FACET_NONE 0xffffffffu
+
+typedef struct {
+    float x[CR_LANES], y[CR_LANES], z[CR_LANES];
+} cr_lanes3;
+
+/* Purpose  CRC-32 (IEEE 802.3) of an image with its crc32 field taken as zero. */
+uint32_t cr_image_crc(const uint8_t *image, uint32_t size_bytes);
+
+/* Constants of a scene that every lookup needs, computed once by cr_field_init. */
+typedef struct {
+    const cr_scene *scene;
+    float inv_brick;
+    float grid_max[3]; /* largest float below dims, so that truncation stays inside the grid */
+    int32_t dims[3];
+} cr_field;
+
+void cr_field_init(cr_field *field, const cr_scene *scene);
+
+/* Purpose  signed distance of 16 points to the static surface, negative inside.
+ * Shapes   world_m: CR_LANES points, finite.   Output  every lane written.
+ * Cost     16 lanes about 90 ns on an AMD EPYC core with 256-bit vectors.   Source  DESIGN.md "Distance". */
+void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup *out);
+
+/* Purpose  the same for some lanes only.   Shapes  lanes: bits of CR_LANES; the others must be finite too.
+ * Output   the lanes asked for; the others hold anything, and no bit of from_facet and bent.
+ * Cost     with CR_SCALAR about 150 instructions a lane, 70 in far bricks. */
+void cr_field_look_up_lanes(const cr_field *field, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
+
+/* Purpose  what a lane sees of the static surface: index into scene->kinds, 0 when no surface is near. */
+uint32_t cr_field_kind(const cr_field *field, const cr_lookup *at, int lane);
+
+/* Purpose  points of a cluster or sphere centres of a group, tool frame to world frame. */
+void cr_lanes_to_world(const xform *world_from_tool, const float *x, const float *y, const float *z,
+                       cr_lanes3 *world_m);
+
+/* Purpose  signed distance to a convex solid bounded by planes, height[k] above plane k, negative inside all. Outside, the nearest
+ *          point lies on the highest plane, or, when that foot is above a second plane, on their edge, or above a third, at
+ *          their vertex.
+ * Shapes   normal, height: [count], 1 to CR_KIND_FACETS_MAX.   Output  *nearest: the highest plane; *grad: unit. */
+float cr_convex_distance(const cr_vec3 *normal, const float *height, uint32_t count, uint32_t *nearest, cr_vec3 *grad);
+
+/* Planes of a kind in the tool frame, turned so that they bound a convex solid: the static object, or with sign -1 the space
+ * round it. height = normal . p + offset. */
+typedef struct {
+    uint32_t kind; /* index into scene->kinds; 0: none */
+    uint32_t count;
+    float sign;
+    float spread;   /* largest |difference| of two normals */
+    uint32_t sharp; /* 1: two normals point away from each other */
+    uint32_t facet[CR_KIND_FACETS_MAX];
+    cr_vec3 normal_tool[CR_KIND_FACETS_MAX];
+    float offset_m[CR_KIND_FACETS_MAX];
+} cr_planes;
+
+/* Samples of a cluster above the planes of that convex solid, and lanes by that. */
+typedef struct {
+    float height_m[CR_KIND_FACETS_MAX][CR_LANES];
+    float top_m[CR_LANES];                /* the largest height */
+    uint32_t highest[CR_KIND_FACETS_MAX]; /* lanes whose largest height is above that plane */
+    uint32_t below;                       /* lanes whose piece lies below all planes */
+    uint32_t cut;                         /* lanes whose piece is cut by one; the rest is outside */
+} cr_heights;
+
+/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.
+ * Shapes   entry: top entry of the point's brick. */
+uint32_t cr_planes_around(const cr_field *field, uint32_t entry, cr_vec3 p_world, float reach_m);
+
+/* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
+void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
+
+/* Purpose  the one plane that matters within radius_m of a point: all others lie more than apart_m below it everywhere there.
+ * Output   *one and its address, or the planes themselves when several matter. */
+const cr_planes *cr_planes_alone(const cr_planes *planes, cr_vec3 p_tool, float radius_m, float apart_m,
+                                 cr_planes *one);
+
+/* Purpose  heights of the samples of a cluster.   Cost  20 instructions a lane and plane on a Cortex-M7. */
+void cr_planes_measure(const cr_planes *planes, const struct cr_img_cluster *cluster, cr_heights *out);
+
+/* Purpose  distance to the convex solid of a point at these heights, top the largest.
+ * Cost     100 instructions on a Cortex-M7 where it is above several planes. */
+float cr_planes_distance(const cr_planes *planes, const float *height_m, float top_m);
+
+/* Covered lanes of a cluster that hang together: what they add to their contact area. Tool frame, so that whole clusters need no
+ * arithmetic. */
+typedef struct {
+    uint32_t cluster;
+    uint16_t covered; /* lanes with any coverage */
+    uint16_t inside;  /* lanes with phi <= 0 */
+    uint16_t
+        near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
+    uint16_t area;   /* set by zones: index of the contact area */
+    uint16_t whole;  /* 1: every lane fully covered */
+    uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: look it up */
+    struct cr_img_sum sum;
+} cr_hit;
+
+/* What a cluster touches of one static patch. */
+typedef struct {
+    uint16_t hit;
+    uint16_t mixed;        /* 1: more than one facet */
+    uint32_t facet;        /* the first facet */
+    float area_m2;         /* coverage times tool area, projected on the surface */
+    cr_vec3 normal_sum_m2; /* area times surface normal, world */
+    cr_vec3 point_sum_m3;  /* area times nearest surface point, world */
+    cr_vec3 tool_sum_m2;   /* covered area vectors of the tool there, tool frame */
+} cr_touch;
+
+typedef struct {
+    uint32_t hit_count, touch_count;
+    uint32_t contacts; /* points inside the static object */
+    cr_hit hits[CR_CLUSTERS_MAX];
+    cr_touch touches[CR_TOUCHES_MAX];
+} cr_contact_set;
+
+/* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
+ * Shapes   at: what was looked up at the cluster's points.   Output  coverage[CR_LANES], 0..1.
+ * Source   DESIGN.md "Point shell and coverage". */
+void cr_cover(const cr_scene *scene, const xform *world_from_tool, uint32_t mode, const struct cr_img_cluster *cluster,
+              const cr_lookup *at, float *coverage);
+
+/* Purpose  the same for a lane that planes of the static surface cut: of the convex solid that they bound.
+ * Shapes   height[planes->count], top the largest of them; distance_m: to the solid. */
+float cr_cover_by_planes(const cr_planes *planes, const struct cr_img_cluster *cluster, int lane, const float *height,
+                         float top_m, float distance_m);
+
+/* Purpose  area, area vector and first moment of a cluster under the given coverage, lanes added in a fixed order.
+ * Shapes   w[CR_LANES] in 0..1. The image holds the result for w = 1, made by this function. */
+void cr_sum_cluster(const struct cr_img_cluster *cluster, const float *w, struct cr_img_sum *sum);
+
+/* How far the tool may have moved since a sphere was last looked at: bounds that only grow. */
+typedef struct {
+    float slide_m;  /* sum of |translation of the tool origin| */
+    float turn_rad; /* sum of 2 |change of the quaternion|: turn * rho bounds the motion of a point at rho */
+    cr_pose last;   /* where the last search began */
+    uint32_t valid;
+    float root_wake_m;
+    float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */
+    uint32_t wake_count;
+} cr_motion;
+
+typedef struct {
+    uint32_t skip;        /* CR_SKIP_* */
+    uint32_t coverage;    /* cr_coverage */
+    uint32_t lookups_max; /* of 16 points in one call */
+} cr_detect_options;
+
+/* A group of the tree on the way down, and which of its children are still to be seen. */
+typedef struct {
+    uint32_t group, lanes;
+} cr_search_level;
+
+/* Where a search stands between two ticks. */
+typedef struct {
+    uint32_t open;  /* 1: begun and not at its end */
+    uint32_t calls; /* that it has taken so far */
+    uint32_t depth; /* levels in use */
+    cr_search_level stack[CR_TREE_DEPTH_MAX];
+    uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
+    uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
+} cr_search;
+
+/* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
+void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
+
+/* Purpose  the clusters of the shell that reach into the static object, in ascending order, one hit for each connected set of
+ *          covered lanes, with their coverage sums and the surfaces they touch.
+ * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
+ *          again with the same pose and the same motion until it is 1, at most CR_SEARCH_TICKS_MAX times.
+ * Errors   none: capacities are counted in stats.
+ * Cost     at most options->lookups_max lookups of 16 lanes.   Source  DESIGN.md "Detect" [2][3]. */
+int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
+              cr_search *search, cr_contact_set *set, cr_stats *stats);
+
+/* Surface state of a zone that respond needs and the report does not. */
+typedef struct {
+    uint32_t curved;     /* 1: more than one facet, plane found by support */
+    uint32_t facet;      /* the facet, when there is one */
+    float spread_rad;    /* standard deviation of its normals; 0 when planar */
+    cr_vec3 tool_sum_m2; /* covered area vectors of the tool next to the zone, tool frame */
+} cr_zone_shape;
+
+/* A contact area between zones and respond. Sums in the tool frame. */
+typedef struct {
+    struct cr_img_sum sum;
+    uint32_t zone_count;
+    cr_zone zones[CR_ZONES_MAX];
+    cr_zone_shape shapes[CR_ZONES_MAX];
+} cr_area_work;
+
+typedef struct {
+    uint32_t count;
+    cr_area_work areas[CR_AREAS_MAX];
+} cr_area_set;
+
+/* Purpose  group the hits into contact areas (connected pieces of tool surface) and the touches of each area into contact
+ *          zones (one per smooth static patch).
+ * Shapes   hit_of_cluster[scene->cluster_count], all CR_HIT_NONE between ticks.
+ * Output   set->hits[].area, *areas.   Source  DESIGN.md "Zones and area normal" [1]. */
+void cr_zones(const cr_scene *scene, uint16_t *hit_of_cluster, cr_contact_set *set, cr_area_set *areas,
+              cr_stats *stats);
+#define CR_HIT_NONE 0xffffu
+
+#ifdef CR_RIVALS
+/* Where a proxy rests while the tool is inside: state of the proxy responses (rivals/README.md). */
+typedef struct {
+    cr_vec3 pos_m;
+    cr_vec3 device_m; /* the tool's place at the last tick */
+    uint32_t held;    /* 1: pos_m is the proxy's; 0: it starts from device_m */
+} cr_proxy;
+#endif
+
+/* What a response may look at to turn one area into normal, plane and depth. */
+typedef struct {
+    const cr_field *field;
+    const xform *world_from_tool;
+    const cr_contact_set *set;
+    const cr_config *config;
+#ifdef CR_RIVALS
+    cr_proxy *proxy;
+#endif
+} cr_respond_input;
+
+/* Purpose  areas with normal, contact plane, depth and acting point: the response that config selects. Concave creases
+ *          split areas here.
+ * Output   out[0..return), no force yet; every number finite.   Cost  O(hits of the areas).
+ * Source   DESIGN.md "Zones and area normal", "Concave creases" [1]. */
+uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
+                    cr_stats *stats);
+
+#ifdef CR_RIVALS
+/* Purpose  the same by a response of rivals/, which answers for all areas at once. Defined there. */
+uint32_t cr_respond_as_rival(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max);
+#endif
+
+/* Purpose  what the last tick detected, with the area of every hit: for viewers, no tick reads it.
+ * Output   stale after a tick that reported no areas; never null. */
+const cr_contact_set *cr_world_contacts(const cr_world *world);
+
+#endif

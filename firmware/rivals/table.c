@@ -1,0 +1,18 @@
+/* table: which function answers for which response. */
+#include "rivals/rivals.h"
+
+typedef uint32_t (*answer_fn)(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room);
+
+static const answer_fn answers[CR_RESPONSE_COUNT] = {
+    [CR_RESPONSE_VOXMAP] = cr_rival_voxmap,
+    [CR_RESPONSE_DISTANCE_FIELD] = cr_rival_distance_field,
+    [CR_RESPONSE_DEEPEST_GROUP] = cr_rival_deepest_group,
+    [CR_RESPONSE_OVERLAP] = cr_rival_overlap,
+    [CR_RESPONSE_NORMAL_GROUPS] = cr_rival_normal_groups,
+    [CR_RESPONSE_GOD_OBJECT] = cr_rival_god_object,
+    [CR_RESPONSE_SPHERE_PROXY] = cr_rival_sphere_proxy,
+};
+
+uint32_t cr_respond_as_rival(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max) {
+    return answers[in->config->response](in, areas, out, out_max);
+}

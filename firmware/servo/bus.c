@@ -1,0 +1,558 @@
+/* bus: the CANopen manager. Frames in, states of three drives out; torques in, frames out. */
+#include "servo/servo_stages.h"
+
+#include <string.h>
+
+#define NODE_HOST 0x01u
+#define NODE_FIRST 0x11u
+
+/* Identifiers of SPEC.md "Frames": function codes of CiA 301; EMCY moved below the cyclic frames. */
+enum {
+    ID_NMT = 0x000,
+    ID_SYNC = 0x080,
+    ID_EMCY_DEFAULT = 0x080, /* + node, until 0x1014 is written */
+    ID_TORQUE = 0x181,
+    ID_STATE = 0x180, /* + node */
+    ID_WRIST = 0x194,
+    ID_CONTROL = 0x200, /* + node */
+    ID_SDO_ANSWER = 0x580,
+    ID_SDO_REQUEST = 0x600,
+    ID_EMCY = 0x680,
+    ID_HEARTBEAT = 0x700
+};
+
+enum { NMT_START = 0x01, NMT_RESET_COMMUNICATION = 0x82 };
+enum { STATE_BOOT = 0x00, STATE_OPERATIONAL = 0x05, STATE_PRE_OPERATIONAL = 0x7f };
+
+/* CiA 402 status word: the bits that tell the state, and its values under that mask. */
+#define STATUS_MASK 0x6fu
+#define STATUS_READY 0x21u
+#define STATUS_SWITCHED_ON 0x23u
+#define STATUS_ENABLED 0x27u
+#define STATUS_FAULT 0x08u
+enum {
+    CONTROL_OFF = 0x00,
+    CONTROL_SHUTDOWN = 0x06,
+    CONTROL_SWITCH_ON = 0x07,
+    CONTROL_ENABLE = 0x0f,
+    CONTROL_RESET = 0x80
+};
+#define MODE_CYCLIC_TORQUE 10u
+
+#define MS_NS 1000000ull
+#define SDO_SPACING_NS (10u * MS_NS)
+#define SDO_TRIES 3u
+#define RESET_REPEAT_NS (500u * MS_NS)
+#define RESET_SETTLE_NS (20u * MS_NS)
+#define CONTROL_REPEAT_NS (20u * MS_NS)
+/* A drive whose state comes twice in this many periods in a row is two drives. */
+#define TWICE_ROW_MAX 3u
+
+/* The wrist comes with every second SYNC, from the drive of this axis. */
+#define WRIST_PERIODS 2u
+#define WRIST_AXIS 2u
+
+/* EMCY, heartbeats and SDO answers of one drive in one period: with an inhibit time of 10 ms on EMCY there is no reason for
+ * more. Four fit beside the states before the bus is full. */
+#define OTHER_MAX 3u
+
+/* ------------------------------------------------------------------------------------------------- drive set-up */
+
+/* What is added to the value of a step. */
+enum { ADD_NONE, ADD_AXIS, ADD_HEARTBEAT, ADD_CONSUMER, ADD_TORQUE_TIMEOUT };
+
+typedef struct {
+    uint16_t index;
+    uint8_t sub, size, add, word; /* word: axis + 1 whose torque this mapping entry takes */
+    uint32_t value;
+} sdo_step;
+
+#define INVALID 0x80000000u /* COB-ID entry: off while it is changed */
+#define NO_RTR 0x40000000u
+#define DUMMY_INT16 0x00030010u
+#define TORQUE_INT16 0x60710010u
+
+/* A mapping changes in the order of CiA 301: PDO off, count 0, entries, count, PDO on. */
+static const sdo_step steps[] = {
+    {0x1017, 0, 2, ADD_HEARTBEAT, 0, 0},
+    {0x1016, 1, 4, ADD_CONSUMER, 0, (uint32_t)NODE_HOST << 16},
+    {0x1014, 0, 4, ADD_AXIS, 0, INVALID | (ID_EMCY + NODE_FIRST)},
+    {0x1015, 0, 2, ADD_NONE, 0, 100}, /* 10 ms in 100 us */
+    {0x1014, 0, 4, ADD_AXIS, 0, ID_EMCY + NODE_FIRST},
+    {0x1400, 1, 4, ADD_AXIS, 0, INVALID | (ID_CONTROL + NODE_FIRST)},
+    {0x1400, 2, 1, ADD_NONE, 0, 255},
+    {0x1600, 0, 1, ADD_NONE, 0, 0},
+    {0x1600, 1, 4, ADD_NONE, 0, 0x60400010},
+    {0x1600, 2, 4, ADD_NONE, 0, 0x60600008},
+    {0x1600, 0, 1, ADD_NONE, 0, 2},
+    {0x1400, 1, 4, ADD_AXIS, 0, ID_CONTROL + NODE_FIRST},
+    {0x1401, 1, 4, ADD_NONE, 0, INVALID | ID_TORQUE},
+    {0x1401, 2, 1, ADD_NONE, 0, 1},
+    {0x1401, 5, 2, ADD_TORQUE_TIMEOUT, 0, 0},
+    {0x1601, 0, 1, ADD_NONE, 0, 0},
+    {0x1601, 1, 4, ADD_NONE, 1, 0},
+    {0x1601, 2, 4, ADD_NONE, 2, 0},
+    {0x1601, 3, 4, ADD_NONE, 3, 0},
+    {0x1601, 0, 1, ADD_NONE, 0, 3},
+    {0x1401, 1, 4, ADD_NONE, 0, ID_TORQUE},
+    {0x1800, 1, 4, ADD_AXIS, 0, INVALID | NO_RTR | (ID_STATE + NODE_FIRST)},
+    {0x1800, 2, 1, ADD_NONE, 0, 1},
+    {0x1a00, 0, 1, ADD_NONE, 0, 0},
+    {0x1a00, 1, 4, ADD_NONE, 0, 0x60640020},
+    {0x1a00, 2, 4, ADD_NONE, 0, 0x60770010},
+    {0x1a00, 3, 4, ADD_NONE, 0, 0x60410010},
+    {0x1a00, 0, 1, ADD_NONE, 0, 3},
+    {0x1800, 1, 4, ADD_AXIS, 0, NO_RTR | (ID_STATE + NODE_FIRST)},
+    {0x6060, 0, 1, ADD_NONE, 0, MODE_CYCLIC_TORQUE},
+    /* The wrist, of the drive that reads it. */
+    {0x1801, 1, 4, ADD_NONE, 0, INVALID | NO_RTR | ID_WRIST},
+    {0x1801, 2, 1, ADD_NONE, 0, WRIST_PERIODS},
+    {0x1a01, 0, 1, ADD_NONE, 0, 0},
+    {0x1a01, 1, 4, ADD_NONE, 0, 0x21000110},
+    {0x1a01, 2, 4, ADD_NONE, 0, 0x21000210},
+    {0x1a01, 3, 4, ADD_NONE, 0, 0x21000310},
+    {0x1a01, 0, 1, ADD_NONE, 0, 3},
+    {0x1801, 1, 4, ADD_NONE, 0, NO_RTR | ID_WRIST},
+};
+#define STEP_COUNT ((uint32_t)(sizeof steps / sizeof *steps))
+#define WRIST_STEPS 8u
+
+static uint32_t step_count(uint32_t axis) { return axis == WRIST_AXIS ? STEP_COUNT : STEP_COUNT - WRIST_STEPS; }
+
+static uint32_t step_value(const cr_bus_config *config, const sdo_step *step, uint32_t axis) {
+    if (step->word != 0u) {
+        return step->word == axis + 1u ? TORQUE_INT16 : DUMMY_INT16;
+    }
+    switch (step->add) {
+    case ADD_AXIS:
+        return step->value + axis;
+    case ADD_HEARTBEAT:
+        return config->heartbeat_ms;
+    case ADD_CONSUMER:
+        return step->value | config->host_timeout_ms;
+    case ADD_TORQUE_TIMEOUT:
+        return config->torque_timeout_ms;
+    default:
+        return step->value;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------------ packing */
+
+static uint16_t get_u16(const uint8_t *at) { return (uint16_t)(at[0] | (uint32_t)at[1] << 8); }
+static uint32_t get_u32(const uint8_t *at) { return get_u16(at) | (uint32_t)get_u16(at + 2) << 16; }
+static void put_u16(uint8_t *at, uint32_t value) {
+    at[0] = (uint8_t)(value & 0xffu);
+    at[1] = (uint8_t)(value >> 8 & 0xffu);
+}
+static void put_u32(uint8_t *at, uint32_t value) {
+    put_u16(at, value & 0xffffu);
+    put_u16(at + 2, value >> 16);
+}
+
+/* Two's complement without leaving it to the compiler. */
+static int16_t to_i16(uint16_t v) { return (int16_t)(v < 0x8000u ? (int32_t)v : (int32_t)v - 0x10000); }
+static int32_t to_i32(uint32_t v) { return v < 0x80000000u ? (int32_t)v : -(int32_t)(0xffffffffu - v) - 1; }
+
+int16_t cr_per_mille(float torque, float rated, float limit) {
+    if (!is_finite_f(torque) || !(rated > 0.0f) || !(limit >= 0.0f)) {
+        return 0;
+    }
+    /* Truncated, not rounded, at the limit: 1000 limit / rated per mille need not be whole. */
+    float most = min_f(limit / rated * 1000.0f, 32767.0f);
+    float value = clamp_f(torque / rated * 1000.0f, -32767.0f, 32767.0f);
+    float rounded = (float)(int32_t)(value + (value < 0.0f ? -0.5f : 0.5f));
+    return (int16_t)clamp_f(rounded, -(float)(int32_t)most, (float)(int32_t)most);
+}
+
+static cr_frame *add_frame(cr_tx *tx, uint32_t id, uint8_t size) {
+    static const cr_frame empty = {0};
+    uint32_t at = tx->count < CR_TX_MAX ? tx->count : CR_TX_MAX - 1u;
+    cr_frame *frame = &tx->frames[at];
+    *frame = empty;
+    frame->id = (uint16_t)id;
+    frame->size = size;
+    tx->count = at + 1u;
+    return frame;
+}
+
+/* ---------------------------------------------------------------------------------------------------- receiving */
+
+void cr_bus_reset(cr_bus *bus) {
+    memset(bus, 0, sizeof *bus);
+    bus->trouble_axis = CR_AXES;
+}
+
+static int is_axis(uint32_t id, uint32_t base) { return id >= base + NODE_FIRST && id < base + NODE_FIRST + CR_AXES; }
+
+/* What only the host sends: heard from outside, it means a second host. */
+static int is_ours(uint32_t id) {
+    return id == ID_NMT || id == ID_SYNC || id == ID_TORQUE || id == ID_HEARTBEAT + NODE_HOST ||
+           is_axis(id, ID_CONTROL) || is_axis(id, ID_SDO_REQUEST);
+}
+
+int cr_bus_is_of_interest(uint16_t id) {
+    return is_ours(id) || is_axis(id, ID_STATE) || id == ID_WRIST || is_axis(id, ID_SDO_ANSWER) ||
+           is_axis(id, ID_EMCY) || is_axis(id, ID_EMCY_DEFAULT) || is_axis(id, ID_HEARTBEAT);
+}
+
+static void raise_axis(cr_bus *bus, uint32_t fault, uint32_t axis) {
+    bus->faults |= fault;
+    bus->trouble_axis = axis;
+}
+
+static void receive_state(cr_drive *drive, const cr_frame *frame, cr_servo_counters *counters) {
+    if (frame->size != 8u) {
+        counters->malformed++;
+        return;
+    }
+    drive->counts = to_i32(get_u32(frame->data));
+    drive->actual = to_i16(get_u16(frame->data + 4));
+    drive->status = get_u16(frame->data + 6);
+    drive->has_state = 1u;
+    if ((frame->flags & CR_FRAME_EARLY) != 0u) {
+        counters->late++;
+    } else {
+        counters->twice += drive->state_count > 0u ? 1u : 0u;
+        drive->state_count++;
+    }
+}
+
+static void receive_wrist(cr_wrist *wrist, const cr_frame *frame, cr_servo_counters *counters) {
+    if (frame->size != 6u) {
+        counters->malformed++;
+        return;
+    }
+    for (size_t i = 0; i < 3u; i++) {
+        wrist->counts[i] = to_i16(get_u16(frame->data + 2u * i));
+    }
+    counters->twice += wrist->fresh;
+    wrist->fresh = 1u;
+}
+
+static void receive_heartbeat(cr_bus *bus, uint32_t axis, const cr_frame *frame, uint64_t now_ns,
+                              cr_servo_counters *counters) {
+    cr_drive *drive = &bus->drive[axis];
+    if (frame->size != 1u) {
+        counters->malformed++;
+        return;
+    }
+    uint8_t state = frame->data[0] & 0x7fu;
+    drive->heard_ns = now_ns;
+    drive->nmt_state = state;
+    if (bus->phase == CR_PHASE_RESET) {
+        /* Pre-operational right after the reset, and operational at any time, may be from before it. */
+        int settled = !bus->reset_due && now_ns - bus->reset_ns >= RESET_SETTLE_NS;
+        drive->seen |= state == STATE_BOOT || (state == STATE_PRE_OPERATIONAL && settled) ? 1u : 0u;
+        return;
+    }
+    int booted = bus->phase == CR_PHASE_SET_UP && state == STATE_BOOT;
+    if (booted || (bus->phase == CR_PHASE_RUN && state != STATE_OPERATIONAL)) {
+        raise_axis(bus, CR_FAULT_RESET, axis);
+    }
+}
+
+static void receive_emcy(cr_bus *bus, uint32_t axis, const cr_frame *frame, cr_servo_counters *counters) {
+    if (frame->size != 8u) {
+        counters->malformed++;
+        return;
+    }
+    uint16_t code = get_u16(frame->data);
+    counters->emcy++;
+    if (code != 0u && bus->phase >= CR_PHASE_ENABLE) {
+        bus->emcy_code = code;
+        raise_axis(bus, CR_FAULT_EMCY, axis);
+    }
+}
+
+static void receive_sdo(cr_bus *bus, uint32_t axis, const cr_frame *frame, cr_servo_counters *counters) {
+    if (bus->phase != CR_PHASE_SET_UP || bus->sdo_waiting == 0u || axis != bus->sdo_axis || frame->size != 8u) {
+        counters->malformed++;
+        return;
+    }
+    const sdo_step *step = &steps[bus->sdo_step];
+    if (get_u16(frame->data + 1) != step->index || frame->data[3] != step->sub) {
+        counters->malformed++; /* the answer to a request that was given up */
+        return;
+    }
+    if (frame->data[0] == 0x80u) {
+        bus->sdo_abort = get_u32(frame->data + 4);
+        raise_axis(bus, CR_FAULT_SDO, axis);
+        return;
+    }
+    if (frame->data[0] != 0x60u) {
+        counters->malformed++;
+        return;
+    }
+    bus->sdo_waiting = 0u;
+    bus->sdo_tries = 0u;
+    bus->sdo_step++;
+    if (bus->sdo_step == step_count(bus->sdo_axis)) {
+        bus->sdo_step = 0u;
+        bus->sdo_axis++;
+    }
+}
+
+void cr_bus_receive(cr_bus *bus, const cr_frame *frame, uint64_t now_ns, cr_servo_counters *counters) {
+    uint32_t id = frame->id, axis = (id & 0x7fu) - NODE_FIRST;
+    if (is_ours(id)) {
+        counters->alien++;
+        bus->faults |= CR_FAULT_ALIEN;
+        return;
+    }
+    if (is_axis(id, ID_STATE)) {
+        receive_state(&bus->drive[axis], frame, counters);
+        return;
+    }
+    if (id == ID_WRIST) {
+        receive_wrist(&bus->wrist, frame, counters);
+        return;
+    }
+    if (axis < CR_AXES && ++bus->drive[axis].other_count > OTHER_MAX) {
+        counters->babbled++;
+        raise_axis(bus, CR_FAULT_BABBLE, axis);
+    }
+    if (is_axis(id, ID_HEARTBEAT)) {
+        receive_heartbeat(bus, axis, frame, now_ns, counters);
+    } else if (is_axis(id, ID_EMCY) || is_axis(id, ID_EMCY_DEFAULT)) {
+        receive_emcy(bus, axis, frame, counters);
+    } else if (is_axis(id, ID_SDO_ANSWER)) {
+        receive_sdo(bus, axis, frame, counters);
+    }
+}
+
+/* ----------------------------------------------------------------------------------------------------- checking */
+
+static uint32_t status_of(const cr_drive *drive) { return drive->status & STATUS_MASK; }
+
+/* Next control word on the way to OPERATION ENABLED; a fault of before the start is reset on the way. */
+static uint16_t control_for(const cr_drive *drive) {
+    if ((drive->status & 0x4fu) == STATUS_FAULT || (drive->status & 0x4fu) == 0x0fu) {
+        return CONTROL_RESET;
+    }
+    switch (status_of(drive)) {
+    case STATUS_READY:
+        return CONTROL_SWITCH_ON;
+    case STATUS_SWITCHED_ON:
+    case STATUS_ENABLED:
+        return CONTROL_ENABLE;
+    default:
+        return (drive->status & 0x4fu) == 0x40u ? CONTROL_SHUTDOWN : CONTROL_OFF;
+    }
+}
+
+static void want_control(cr_drive *drive, uint16_t word, int again) {
+    drive->send_control |= word != drive->control_word || again ? 1u : 0u;
+    drive->control_word = word;
+}
+
+static void check_enable(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns) {
+    uint32_t enabled = 0u, last = 0u;
+    int again = now_ns - bus->control_ns >= CONTROL_REPEAT_NS;
+    bus->control_ns = again ? now_ns : bus->control_ns;
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        cr_drive *drive = &bus->drive[a];
+        if (drive->state_count > 0u && status_of(drive) == STATUS_ENABLED) {
+            enabled++;
+        } else {
+            last = a;
+        }
+        if (drive->has_state) {
+            /* The reset bit acts on its edge: a repeat has to drop it first. */
+            int toggle = again && drive->control_word == CONTROL_RESET;
+            want_control(drive, toggle ? (uint16_t)CONTROL_OFF : control_for(drive), again);
+        }
+    }
+    if (enabled == CR_AXES) {
+        bus->phase = CR_PHASE_RUN;
+    } else if (now_ns - bus->enable_ns > config->enable_timeout_ms * MS_NS) {
+        raise_axis(bus, CR_FAULT_DRIVE_STATE, last);
+    }
+}
+
+static void check_run(const cr_bus_config *config, cr_bus *bus, uint32_t axis, cr_servo_counters *counters) {
+    cr_drive *drive = &bus->drive[axis];
+    if (drive->state_count == 0u) {
+        counters->missing[axis]++;
+        drive->missing_row++;
+        if (drive->missing_row > config->missing_max) {
+            raise_axis(bus, CR_FAULT_SILENT, axis);
+        }
+    } else {
+        drive->missing_row = 0u;
+    }
+    drive->twice_row = drive->state_count > 1u ? drive->twice_row + 1u : 0u;
+    if (drive->twice_row >= TWICE_ROW_MAX) {
+        raise_axis(bus, CR_FAULT_ALIEN, axis);
+    }
+    if ((drive->status & STATUS_FAULT) != 0u) {
+        raise_axis(bus, CR_FAULT_DRIVE, axis);
+    } else if (status_of(drive) != STATUS_ENABLED) {
+        raise_axis(bus, CR_FAULT_DRIVE_STATE, axis);
+    }
+}
+
+/* Angles may be bridged for as many of its frames as a state may be for periods. */
+static void check_wrist(const cr_bus_config *config, cr_bus *bus, cr_servo_counters *counters) {
+    cr_wrist *wrist = &bus->wrist;
+    wrist->age = wrist->fresh ? 0u : wrist->age + 1u;
+    counters->wrist_missing += wrist->age > 0u && wrist->age % WRIST_PERIODS == 0u ? 1u : 0u;
+    if (wrist->age >= WRIST_PERIODS * (config->missing_max + 1u)) {
+        raise_axis(bus, CR_FAULT_SILENT, WRIST_AXIS);
+    }
+}
+
+static void check_heartbeats(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns) {
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        if (now_ns - bus->drive[a].heard_ns > config->drive_timeout_ms * MS_NS) {
+            raise_axis(bus, CR_FAULT_HEARTBEAT, a);
+        }
+    }
+}
+
+static void begin_enable(cr_bus *bus, uint64_t now_ns) {
+    bus->phase = CR_PHASE_ENABLE;
+    bus->start_due = 1u;
+    bus->enable_ns = bus->control_ns = now_ns;
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        /* What came before the mapping was set means nothing; heartbeats are due from now on. */
+        bus->drive[a].has_state = 0u;
+        bus->drive[a].heard_ns = now_ns;
+    }
+    bus->wrist.age = 0u;
+}
+
+static void check_set_up(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns) {
+    if (bus->sdo_axis == CR_AXES) {
+        begin_enable(bus, now_ns);
+        return;
+    }
+    if (bus->sdo_waiting != 0u && now_ns - bus->sdo_ns > config->sdo_timeout_ms * MS_NS) {
+        bus->sdo_waiting = 0u;
+        if (bus->sdo_tries >= SDO_TRIES) {
+            bus->sdo_abort = 0xffffffffu;
+            raise_axis(bus, CR_FAULT_SDO, bus->sdo_axis);
+        }
+    }
+}
+
+void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_servo_counters *counters) {
+    if (!bus->has_start) {
+        bus->has_start = 1u;
+        bus->start_ns = bus->beat_ns = now_ns;
+    }
+    switch (bus->phase) {
+    case CR_PHASE_LISTEN:
+        if (now_ns - bus->start_ns >= config->listen_ms * MS_NS) {
+            bus->phase = CR_PHASE_RESET;
+            bus->reset_due = 1u;
+            bus->beat_ns = now_ns - config->heartbeat_ms * MS_NS; /* the first one at once */
+        }
+        break;
+    case CR_PHASE_RESET:
+        if (bus->drive[0].seen && bus->drive[1].seen && bus->drive[2].seen) {
+            bus->phase = CR_PHASE_SET_UP;
+        } else if (!bus->reset_due && now_ns - bus->reset_ns >= RESET_REPEAT_NS) {
+            bus->reset_due = 1u;
+        }
+        break;
+    case CR_PHASE_SET_UP:
+        check_set_up(config, bus, now_ns);
+        break;
+    case CR_PHASE_ENABLE:
+        check_heartbeats(config, bus, now_ns);
+        check_enable(config, bus, now_ns);
+        break;
+    default:
+        check_heartbeats(config, bus, now_ns);
+        for (uint32_t a = 0; a < CR_AXES; a++) {
+            check_run(config, bus, a, counters);
+        }
+        check_wrist(config, bus, counters);
+        break;
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------------ sending */
+
+void cr_bus_sync(cr_bus *bus, cr_tx *tx) {
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        bus->drive[a].state_count = bus->drive[a].other_count = 0u;
+    }
+    bus->wrist.fresh = 0u;
+    if (bus->phase != CR_PHASE_LISTEN) {
+        add_frame(tx, ID_SYNC, 0u);
+    }
+}
+
+static void send_nmt(cr_tx *tx, uint8_t command) {
+    cr_frame *frame = add_frame(tx, ID_NMT, 2u);
+    frame->data[0] = command; /* node 0: all */
+}
+
+static void send_sdo(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_servo_counters *counters,
+                     cr_tx *tx) {
+    if (bus->phase != CR_PHASE_SET_UP || bus->sdo_waiting != 0u || bus->sdo_axis >= CR_AXES ||
+        (bus->sdo_ns != 0u && now_ns - bus->sdo_ns < SDO_SPACING_NS)) {
+        return;
+    }
+    const sdo_step *step = &steps[bus->sdo_step];
+    cr_frame *frame = add_frame(tx, ID_SDO_REQUEST + NODE_FIRST + bus->sdo_axis, 8u);
+    frame->data[0] = (uint8_t)(0x23u | (4u - step->size) << 2); /* expedited download, size given */
+    put_u16(frame->data + 1, step->index);
+    frame->data[3] = step->sub;
+    put_u32(frame->data + 4, step_value(config, step, bus->sdo_axis));
+    counters->sdo_retries += bus->sdo_tries > 0u ? 1u : 0u;
+    bus->sdo_tries++;
+    bus->sdo_ns = now_ns;
+    bus->sdo_waiting = 1u;
+}
+
+static void send_controls(cr_bus *bus, int off, cr_tx *tx) {
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        cr_drive *drive = &bus->drive[a];
+        if (off) {
+            want_control(drive, CONTROL_OFF, 0);
+        }
+        if (drive->send_control) {
+            cr_frame *frame = add_frame(tx, ID_CONTROL + NODE_FIRST + a, 3u);
+            put_u16(frame->data, drive->control_word);
+            frame->data[2] = MODE_CYCLIC_TORQUE;
+            drive->send_control = 0u;
+        }
+    }
+}
+
+static void send_heartbeat(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_tx *tx) {
+    if (now_ns - bus->beat_ns >= config->heartbeat_ms * MS_NS) {
+        add_frame(tx, ID_HEARTBEAT + NODE_HOST, 1u)->data[0] = STATE_OPERATIONAL;
+        bus->beat_ns = now_ns;
+    }
+}
+
+void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t target[CR_AXES], int off, uint64_t now_ns,
+                     cr_servo_counters *counters, cr_tx *tx) {
+    if (bus->phase == CR_PHASE_LISTEN) {
+        return;
+    }
+    cr_frame *torque = add_frame(tx, ID_TORQUE, 6u);
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        put_u16(&torque->data[(size_t)2u * a], (uint32_t)(uint16_t)target[a]);
+    }
+    if (bus->reset_due) {
+        send_nmt(tx, NMT_RESET_COMMUNICATION);
+        for (uint32_t a = 0; a < CR_AXES; a++) {
+            bus->drive[a].seen = 0u; /* all of them boot again */
+        }
+        bus->reset_due = 0u;
+        bus->reset_ns = now_ns;
+    } else if (bus->start_due) {
+        send_nmt(tx, NMT_START);
+        bus->start_due = 0u;
+    }
+    send_controls(bus, off, tx);
+    if (!off) {
+        send_sdo(config, bus, now_ns, counters, tx);
+    }
+    send_heartbeat(config, bus, now_ns, tx);
+}

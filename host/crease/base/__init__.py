@@ -1,0 +1,1 @@
+"""What every room needs: errors, units, tables, the C code through cffi, scene images."""

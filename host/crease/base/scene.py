@@ -1,0 +1,122 @@
+"""Scene images: opened by the firmware's own parser, and told to a person."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.base.errors import SceneError
+from crease.base.native import error_text, ffi, lib
+
+_ALIGN = 64
+
+
+def _aligned_copy(image: bytes) -> npt.NDArray[np.uint8]:
+    """The bytes at an address that is a multiple of 64."""
+    room = np.empty(len(image) + _ALIGN, dtype=np.uint8)
+    start = -room.ctypes.data % _ALIGN
+    aligned = room[start : start + len(image)]
+    aligned[:] = np.frombuffer(image, dtype=np.uint8)
+    return aligned
+
+
+@dataclass(frozen=True)
+class Scene:
+    """An opened scene image. `handle` is a cffi `cr_scene *` into `image`, which must outlive it."""
+
+    image: npt.NDArray[np.uint8] = field(repr=False)
+    handle: Any = field(repr=False)
+    source: str
+
+    @property
+    def meta(self) -> Any:
+        """The image's `struct cr_img_meta`, a cffi view."""
+        return self.handle.meta
+
+    def info(self) -> dict[str, object]:
+        """What the image holds: plain numbers and texts, SI units in the names of the keys."""
+        return describe_scene(self)
+
+
+def open_image(image: bytes, source: str) -> Scene:
+    """Validate an image.   Errors: SceneError with the firmware's reason."""
+    aligned = _aligned_copy(image)
+    handle = ffi.new("cr_scene *")
+    code = int(lib.cr_scene_open(handle, ffi.from_buffer("uint8_t[]", aligned), len(aligned)))
+    if code != lib.CR_OK:
+        raise SceneError(f"{source}: {error_text(code)}; bake it again")
+    return Scene(aligned, handle, source)
+
+
+def open_scene(path: Path) -> Scene:
+    """Read and validate an image file.   Errors: SceneError."""
+    try:
+        image = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
+    return open_image(image, str(path))
+
+
+def _vector(values: Any) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _digest(values: Any) -> str:
+    return bytes(values).hex()
+
+
+def describe_scene(scene: Scene) -> dict[str, object]:
+    """See Scene.info."""
+    handle, meta = scene.handle, scene.meta
+    header = ffi.cast("struct cr_img_header *", ffi.from_buffer(scene.image))
+    return {
+        "file": scene.source,
+        "image_bytes": len(scene.image),
+        "image_version": int(header.version),
+        "image_crc32": f"{int(header.crc32):08x}",
+        "static": {
+            "triangles": int(meta.static_triangles),
+            "unit_m": float(meta.static_unit_m),
+            "min_m": _vector(meta.static_min_m),
+            "max_m": _vector(meta.static_max_m),
+            "sha256": _digest(meta.static_sha256),
+            "patches": int(meta.patch_count),
+            "facets": int(handle.facet_count),
+            "smooth_edges": int(meta.smooth_edges),
+            "convex_edges": int(meta.convex_edges),
+            "concave_edges": int(meta.concave_edges),
+            "crease_angle_deg": math.degrees(meta.crease_angle_rad),
+        },
+        "voxmap": {
+            "voxel_m": float(meta.voxel_m),
+            "brick_m": float(meta.brick_m),
+            "dims": [int(n) for n in meta.dims],
+            "origin_m": _vector(meta.origin_m),
+            "bricks": int(handle.brick_count),
+            "samples": int(handle.sample_count),
+            "band_m": float(meta.band_m),
+            "error_max_m": float(meta.error_max_m),
+            "error_rms_m": float(meta.error_rms_m),
+            "error_out_m": float(meta.error_out_m),
+            "error_in_m": float(meta.error_in_m),
+        },
+        "tool": {
+            "triangles": int(meta.tool_triangles),
+            "unit_m": float(meta.tool_unit_m),
+            "min_m": _vector(meta.tool_min_m),
+            "max_m": _vector(meta.tool_max_m),
+            "sha256": _digest(meta.tool_sha256),
+            "points": int(meta.point_count),
+            "clusters": int(handle.cluster_count),
+            "groups": int(handle.group_count),
+            "levels": int(meta.levels),
+            "spacing_m": float(meta.spacing_m),
+            "radius_m": float(meta.tool_radius_m),
+            "area_m2": float(meta.shell_area_m2),
+        },
+    }

@@ -1,0 +1,234 @@
+"""Tables of ticks: columns by name, kept as CSV or NPZ by the suffix of the file."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.base.errors import CreaseError, TableError
+from crease.base.native import ffi, lib
+
+Column = npt.NDArray[Any]
+
+_ROWS_PER_BLOCK = 4096
+
+_NAMED_MAX = 8
+"""Columns that a message names."""
+
+
+def check_target(path: Path, force: bool) -> None:
+    """Errors: CreaseError when `path` exists and `force` is not given, or its folder is missing."""
+    if path.is_dir():
+        raise CreaseError(f"{path}: is a folder; name a file")
+    if path.exists() and not force:
+        raise CreaseError(f"{path}: exists already; give --force to replace it")
+    if not path.absolute().parent.is_dir():
+        raise CreaseError(f"{path}: there is no folder {path.parent}; make it first")
+
+
+def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:
+    """Let `write` fill a temporary file beside `path`, then move it there: the whole file or none.
+
+    Errors: CreaseError when the disk refuses. Whatever `write` raises passes through, and nothing is left behind.
+    """
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
+    except OSError as error:
+        raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(name).chmod(0o666 & ~umask)
+        Path(name).replace(path)
+    except OSError as error:
+        raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            Path(name).unlink()
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """write_atomic of bytes that are there already."""
+
+    def write(file: BinaryIO) -> None:
+        file.write(data)
+
+    write_atomic(path, write)
+
+
+def _kind(column: Column) -> int:
+    if np.issubdtype(column.dtype, np.integer):
+        return int(lib.CR_CSV_INT)
+    return int(lib.CR_CSV_FLOAT32 if column.dtype == np.float32 else lib.CR_CSV_FLOAT64)
+
+
+def _write_csv(file: BinaryIO, columns: Mapping[str, Column]) -> None:
+    file.write((",".join(columns) + "\n").encode("ascii"))
+    values = np.stack([np.asarray(c, dtype=np.float64) for c in columns.values()], axis=1)
+    kinds = ffi.new("uint8_t[]", [_kind(column) for column in columns.values()])
+    text = ffi.new("char[]", _ROWS_PER_BLOCK * len(columns) * int(lib.CR_CSV_CELL_MAX))
+    for start in range(0, len(values), _ROWS_PER_BLOCK):
+        block = np.ascontiguousarray(values[start : start + _ROWS_PER_BLOCK])
+        used = lib.cr_csv_format(
+            ffi.from_buffer("double[]", block), *block.shape, kinds, text, len(text)
+        )
+        file.write(ffi.buffer(text, used))
+
+
+def _write_npz(file: BinaryIO, columns: Mapping[str, Column]) -> None:
+    arrays: dict[str, Any] = dict(columns)
+    np.savez_compressed(file, **arrays)
+
+
+def write_table(path: Path, columns: Mapping[str, Column]) -> None:
+    """Write columns of equal length to `path`: CSV or NPZ by suffix, whole or not at all.
+
+    Numbers in CSV have the fewest digits that read back the same.
+    Errors: TableError for another suffix; CreaseError when the disk refuses.
+    """
+    match path.suffix.lower():
+        case ".csv":
+            write_atomic(path, lambda file: _write_csv(file, columns))
+        case ".npz":
+            write_atomic(path, lambda file: _write_npz(file, columns))
+        case _:
+            raise TableError(f"{path}: the suffix is neither .csv nor .npz; name the file so")
+
+
+def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
+    """Errors: CreaseError when `path` has none of the suffixes."""
+    if path.suffix.lower() not in suffixes:
+        raise CreaseError(f"{path}: the suffix is not one of {', '.join(suffixes)}; name it so")
+
+
+def load_npz(path: Path) -> dict[str, Column]:
+    """The arrays of an NPZ file.   Errors: TableError when it is not one."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except Exception as error:  # zipfile and numpy raise their own kinds for damaged archives
+        raise TableError(f"{path}: cannot be read as NPZ: {describe(error)}") from error
+
+
+def describe(error: BaseException) -> str:
+    """The reason inside an exception, on one line."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return " ".join(text.split()) or type(error).__name__
+
+
+def read_header(path: Path) -> tuple[list[str], int]:
+    """Column names of a CSV file, and how many lines stand above the first row.
+
+    Errors: TableError when it cannot be read or is empty.
+    """
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for number, line in enumerate(file, start=1):
+                if line.strip():
+                    return [name.strip() for name in line.split(",")], number
+    except (OSError, UnicodeDecodeError) as error:
+        raise TableError(f"{path}: cannot be read: {describe(error)}") from error
+    raise TableError(f"{path}: is empty; it must begin with a line of column names")
+
+
+def data_lines(path: Path, skip: int) -> list[tuple[int, str]]:
+    """Line number and text of every non-blank line below the first `skip` lines. Slow: for error reports."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return [
+            (number, line)
+            for number, line in enumerate(file, start=1)
+            if number > skip and line.strip()
+        ]
+
+
+def _bad_line(path: Path, skip: int, names: list[str]) -> str:
+    """Where and why a CSV file does not parse: `file:line: reason`."""
+    for number, line in data_lines(path, skip):
+        cells = line.rstrip("\r\n").split(",")
+        if len(cells) != len(names):
+            return f"{path}:{number}: {len(cells)} columns where the header has {len(names)}"
+        for name, cell in zip(names, cells, strict=True):
+            try:
+                float(cell)
+            except ValueError:
+                return f"{path}:{number}: {name} is '{cell.strip()[:40]}', not a number"
+    return f"{path}: cannot be read as CSV"
+
+
+def _some(names: list[str]) -> str:
+    """The names, the first few of many."""
+    more = f" and {len(names) - _NAMED_MAX} more" if len(names) > _NAMED_MAX else ""
+    return ", ".join(names[:_NAMED_MAX]) + more
+
+
+def _header_hint(names: list[str], wanted: tuple[str, ...]) -> str:
+    """What to do about a header without the columns `wanted`."""
+    if names[0].startswith("#"):
+        return "the header begins with #; in numpy write savetxt(..., comments='')"
+    if len(wanted) <= _NAMED_MAX:
+        return f"the header must be {','.join(wanted)}"
+    return "is it a table that `crease replay` wrote?"
+
+
+def read_csv(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
+    """Columns of a CSV file with a header, as float64 by name.
+
+    `wanted` must be there; further columns come along.
+    Errors: TableError with file, line and reason.
+    """
+    names, skip = read_header(path)
+    if missing := [name for name in wanted if name not in names]:
+        raise TableError(
+            f"{path}:{skip}: no column {_some(missing)}; {_header_hint(names, wanted)}"
+        )
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise TableError(f"{path}:{skip}: column {', '.join(twice)} stands twice; keep one")
+    try:
+        values = _parse_rows(path, skip)
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise TableError(_bad_line(path, skip, names)) from error
+    if values.size == 0:
+        raise TableError(f"{path}: has a header but no rows; give at least one")
+    if values.shape[1] != len(names):
+        raise TableError(_bad_line(path, skip, names))
+    return {name: values[:, i] for i, name in enumerate(names)}
+
+
+def _parse_rows(path: Path, skip: int) -> npt.NDArray[np.float64]:
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # "input contained no data": reported by the caller
+        values: npt.NDArray[np.float64] = np.loadtxt(
+            path, delimiter=",", skiprows=skip, comments=None, ndmin=2, encoding="utf-8-sig"
+        )
+    return values
+
+
+def read_table(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
+    """Columns of a CSV or NPZ file by name.   Errors: TableError."""
+    if not path.exists():
+        raise TableError(f"{path}: there is no such file")
+    match path.suffix.lower():
+        case ".csv":
+            return read_csv(path, wanted)
+        case ".npz":
+            columns = load_npz(path)
+        case _:
+            raise TableError(f"{path}: the suffix is neither .csv nor .npz")
+    if missing := [name for name in wanted if name not in columns]:
+        raise TableError(
+            f"{path}: no array {_some(missing)}; it must have {','.join(wanted[:_NAMED_MAX])}"
+        )
+    return columns

@@ -1,0 +1,61 @@
+"""Lengths as a person writes them: `2mm`, `0.1 mm`, `1in`, `0.5` (metres)."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from crease.base.errors import UnitError
+
+METRES: dict[str, float] = {
+    "nm": 1e-9,
+    "um": 1e-6,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "dm": 1e-1,
+    "m": 1.0,
+    "in": 0.0254,
+    "ft": 0.3048,
+}
+"""Metres of one unit, by the name of the unit."""
+
+_LENGTH = re.compile(
+    r"^\s*(?P<number>[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)\s*(?P<unit>[A-Za-zµμ]*)\s*$"
+)
+
+
+def parse_unit(text: str) -> float:
+    """Metres of one unit named `text`.
+
+    Errors: UnitError when there is no such unit.
+    """
+    name = text.strip().lower().replace("µ", "u").replace("μ", "u")
+    if name not in METRES:
+        raise UnitError(f"unit '{text}' is not known; use one of {', '.join(METRES)}")
+    return METRES[name]
+
+
+def parse_length(text: str) -> float:
+    """A positive length in m from a number with a unit; a bare number is in metres.
+
+    Errors: UnitError when it is not a number, has an unknown unit, or is not positive and finite.
+    """
+    match = _LENGTH.match(text)
+    if match is None:
+        raise UnitError(f"length '{text}' is not a number with a unit; write it like 2mm or 0.002")
+    length_m = float(match["number"]) * (parse_unit(match["unit"]) if match["unit"] else 1.0)
+    if not math.isfinite(length_m) or length_m <= 0.0:
+        raise UnitError(f"length '{text}' is not positive; write it like 2mm or 0.002")
+    return length_m
+
+
+def format_length(length_m: float) -> str:
+    """A length for a person: three digits and a unit that suits its size."""
+    if length_m == 0.0:
+        return "0 mm"
+    size_m = abs(length_m)
+    if size_m >= 1.0:
+        return f"{length_m:.3g} m"
+    if size_m >= 1e-3:
+        return f"{length_m * 1e3:.3g} mm"
+    return f"{length_m * 1e6:.3g} um"

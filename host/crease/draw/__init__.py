@@ -1,0 +1,1 @@
+"""Plots, the demo, and the page that shows a tool move."""

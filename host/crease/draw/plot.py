@@ -1,0 +1,198 @@
+"""Figures of tables of ticks: force, depth, change of direction, cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Table = Mapping[str, npt.NDArray[Any]]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555", "#000000")
+"""Told apart by colour-blind readers too (Okabe, Ito)."""
+
+AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
+AXIS_STYLES = ("-", "--", ":")
+
+FORCE_FLOOR_N = 1e-3
+"""Below this a force has no direction worth plotting."""
+
+NOTICEABLE_TURN_DEG = 18.0
+"""Published threshold above which a change of direction is felt."""
+
+STYLE: dict[Any, Any] = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#888888",
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.dpi": 100.0,
+    "savefig.dpi": 150.0,
+    "svg.hashsalt": "crease",
+}
+
+
+def forces_N(table: Table) -> npt.NDArray[np.float64]:
+    """Force of every tick, (n, 3)."""
+    return np.stack([np.asarray(table[f"f{axis}_N"], dtype=np.float64) for axis in "xyz"], axis=1)
+
+
+def turn_deg(force_N: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Angle between the forces of neighbouring ticks, (n,); NaN at the first tick and where either has none."""
+    size = np.linalg.norm(force_N, axis=1)
+    turn = np.full(len(force_N), np.nan)
+    both = (size[1:] > FORCE_FLOOR_N) & (size[:-1] > FORCE_FLOOR_N)
+    before, after = force_N[:-1][both], force_N[1:][both]
+    across = np.linalg.norm(np.cross(before, after), axis=1)
+    turn[1:][both] = np.degrees(np.arctan2(across, np.einsum("ij,ij->i", before, after)))
+    return turn
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure in the style of the house, in inches. No window, no display."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
+    """Write a figure as `png`, `svg` or `pdf`; the same bytes for the same figure."""
+    import matplotlib as mpl
+
+    # Dates in the file would make each run differ.
+    dated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
+    with mpl.rc_context(STYLE):
+        figure.savefig(file, format=kind, metadata=dated[kind])
+
+
+def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None = None) -> Figure:
+    """Four panels over time: force, depth, direction change per tick, cost of a tick; one colour for each table.
+
+    Shapes: each table has the columns of `crease.replay.replay.ANSWER_COLUMNS`, of its own length.
+    """
+    import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        figure = new_figure(9.0, 9.5 if len(tables) == 1 else 11.0)
+        heights = [2.0, 1.3, 1.3, 1.3] if len(tables) == 1 else [1.5, 2.0, 1.3, 1.3, 1.3]
+        panels = list(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
+        if len(tables) == 1:
+            _draw_force(panels.pop(0), tables[0])
+        else:
+            _draw_magnitudes(panels.pop(0), tables, names)
+            _draw_components(panels.pop(0), tables)
+        _draw_depth(panels[0], tables)
+        _draw_turn(panels[1], tables)
+        _draw_cost(panels[2], tables)
+        panels[2].set_xlabel("time, s")
+        panels[2].margins(x=0.01)
+        figure.align_ylabels()
+        alone = names[0] if len(names) == 1 else ""  # the legend names several
+        figure.suptitle(title or alone, fontsize=11, fontweight="bold", wrap=True)
+    return figure
+
+
+def _draw_force(axes: Axes, table: Table) -> None:
+    force_N = forces_N(table)
+    axes.plot(table["t_s"], np.linalg.norm(force_N, axis=1), color="#222222", lw=1.8, label="|F|")
+    for k, axis in enumerate("xyz"):
+        axes.plot(table["t_s"], force_N[:, k], color=AXIS_COLOURS[k], label=f"F{axis}")
+    axes.set_ylabel("force, N")
+    legend_beside(axes)
+
+
+def legend_beside(axes: Axes, handles: list[Any] | None = None) -> None:
+    """The legend beside the panel, where it hides nothing."""
+    options: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    if handles is not None:
+        options["handles"] = handles
+    axes.legend(**options)
+
+
+def _pens(tables: Sequence[Table]) -> list[tuple[Table, dict[str, Any]]]:
+    """Colour and width of each table's lines. The first is the widest: it shows under others that agree with it."""
+    widths = [1.2] if len(tables) == 1 else [2.2, *[1.1] * (len(tables) - 1)]
+    return [
+        (table, {"color": colour, "lw": width})
+        for table, colour, width in zip(tables, COLOURS, widths, strict=False)
+    ]
+
+
+def _draw_magnitudes(axes: Axes, tables: Sequence[Table], names: Sequence[str]) -> None:
+    for (table, pen), name in zip(_pens(tables), names, strict=True):
+        axes.plot(table["t_s"], np.linalg.norm(forces_N(table), axis=1), label=name, **pen)
+    axes.set_ylabel("|F|, N")
+    legend_beside(axes)
+
+
+def _draw_components(axes: Axes, tables: Sequence[Table]) -> None:
+    from matplotlib.lines import Line2D
+
+    for table, pen in _pens(tables):
+        force_N = forces_N(table)
+        for k, style in enumerate(AXIS_STYLES):
+            axes.plot(table["t_s"], force_N[:, k], ls=style, **pen)
+    axes.set_ylabel("force components, N")
+    marks = [Line2D([], [], color="#444444", ls=s) for s in AXIS_STYLES]
+    for mark, axis in zip(marks, "xyz", strict=True):
+        mark.set_label(f"F{axis}")
+    legend_beside(axes, marks)
+
+
+def _draw_depth(axes: Axes, tables: Sequence[Table]) -> None:
+    for table, pen in _pens(tables):
+        axes.plot(table["t_s"], 1e3 * np.asarray(table["depth_m"]), **pen)
+    axes.set_ylabel("depth, mm")
+    axes.set_ylim(bottom=0.0)
+
+
+def _draw_turn(axes: Axes, tables: Sequence[Table]) -> None:
+    largest = 0.0
+    for table, pen in _pens(tables):
+        turn = turn_deg(forces_N(table))
+        axes.plot(table["t_s"], turn, **pen)
+        if np.isfinite(turn).any():
+            largest = max(largest, float(np.nanmax(turn)))
+    if largest > 0.5 * NOTICEABLE_TURN_DEG:
+        axes.axhline(NOTICEABLE_TURN_DEG, color="#999999", lw=0.8, ls=(0, (4, 3)))
+        axes.annotate(
+            "noticeable",
+            (0.005, NOTICEABLE_TURN_DEG),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 2),
+            textcoords="offset points",
+            color="#777777",
+            fontsize=7.5,
+        )
+    axes.set_ylabel("direction change,\ndeg per tick")
+    axes.set_ylim(0.0, 1.1 * largest if largest > 0.0 else 1.0)
+
+
+def _draw_cost(axes: Axes, tables: Sequence[Table]) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for table, pen in _pens(tables):
+        cost_us = np.maximum(np.asarray(table["tick_ns"], dtype=np.float64), 1.0) * 1e-3
+        axes.plot(table["t_s"], cost_us, color=pen["color"], lw=0.7, alpha=0.8)
+    axes.set_yscale("log")
+    axes.set_ylabel("tick cost, us")
+    axes.yaxis.set_major_locator(LogLocator(base=10.0, subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())

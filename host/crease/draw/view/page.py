@@ -1,0 +1,307 @@
+"""The page: data of all replays, our scripts and the libraries, in one file that needs nothing else."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.bake.bodies import Body, read_bodies, reduce_body
+from crease.base.errors import SceneError, TableError
+from crease.base.native import COVERAGES
+from crease.base.scene import Scene
+from crease.draw.plot import forces_N, turn_deg
+from crease.draw.view.contacts import NO_PATCH, Contacts, find_contacts, tool_samples_m
+from crease.draw.view.pack import Packer
+from crease.draw.view.scripts import load_scripts
+from crease.replay.replay import COLUMNS
+from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
+from crease.replay.trajectory import Trajectory, check_rows
+
+REPLAYS_MAX = 4
+"""More stand too small beside each other."""
+
+TRIANGLES_MAX = 120_000
+"""A body of more triangles is drawn coarser: the page would grow over 8 MB."""
+
+TICKS_MAX = 1_000_000
+"""Longest replay that a browser holds with ease."""
+
+OURS = ("decode.js", "scene.js", "plots.js", "player.js")
+"""Our scripts, in the order in which they are run."""
+
+FOLDER = Path(__file__).parent
+VIEW_SPAN = 1.1
+"""Half the height of the first picture, in lengths from its middle to the far side of the tool."""
+
+_POSITION_M, _ANGLE, _FORCE_N, _DEPTH_M, _TIME_S, _TURN_DEG = 1e-6, 1e-6, 1e-4, 1e-7, 1e-6, 1e-3
+"""Resolutions: well below what a picture shows."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One table of ticks under a name. Shapes: table has the columns of `crease.replay.replay.COLUMNS`, all (n,)."""
+
+    name: str
+    table: Mapping[str, npt.NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Page:
+    """The page and what making it found."""
+
+    text: str
+    warnings: tuple[str, ...]
+    report: dict[str, object]
+
+
+@dataclass
+class _Made:
+    """What is collected on the way: replays of one path share its contacts."""
+
+    scene: Scene
+    packer: Packer = field(default_factory=Packer)
+    warnings: list[str] = field(default_factory=list)
+    contacts: list[tuple[Trajectory, str, Contacts]] = field(default_factory=list)
+
+
+def path_of(replay: Replay) -> Trajectory:
+    """The path of a table.   Errors: TableError when columns are missing or unequal; TrajectoryError for a bad pose."""
+    missing = [name for name in COLUMNS if name not in replay.table]
+    if missing:
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise TableError(
+            f"{replay.name}: no column {missing[0]}{more}: not a table of a replayed path; replay it"
+        )
+    columns = [np.asarray(replay.table[name]) for name in COLUMNS]
+    if any(column.ndim != 1 or len(column) != len(columns[0]) for column in columns):
+        raise TableError(f"{replay.name}: the columns are not of one length; replay it again")
+    if len(columns[0]) > TICKS_MAX:
+        raise TableError(f"{replay.name}: has over {TICKS_MAX:,} ticks; cut it")
+    for name, column in zip(COLUMNS, columns, strict=True):
+        if not (np.issubdtype(column.dtype, np.number) and np.isfinite(column).all()):
+            raise TableError(
+                f"{replay.name}: column {name} has an entry that is not a finite number; replay it again"
+            )
+    rows = np.stack([replay.table[name] for name in PATH_COLUMNS], axis=1).astype(np.float64)
+    return check_rows(rows, replay.name)
+
+
+def _disagreement(
+    replay: Replay, contacts: Contacts, names: tuple[str, ...] = ("areas", "zones", "contacts")
+) -> int:
+    """Ticks of which one of the counts `names` is not that of the table."""
+    differ: npt.NDArray[np.bool_] = np.zeros(len(contacts.ticks), np.bool_)
+    for name in names:
+        differ |= contacts.ticks[name] != replay.table[name]
+    return int(np.count_nonzero(differ))
+
+
+def _check_scene(made: _Made, replay: Replay, contacts: Contacts, differ: int) -> None:
+    """Errors: SceneError when the table is of another scene. A few ticks that differ are worth a warning.
+
+    Others' methods answer with areas of their own; their samples inside are the same.
+    """
+    touching = contacts.ticks["contacts"] > 0
+    if differ == 0 or (touching.any() and _disagreement(replay, contacts, ("contacts",)) == 0):
+        return
+    touching = (contacts.ticks["areas"] > 0) | (np.asarray(replay.table["areas"]) > 0)
+    if 2 * differ > np.count_nonzero(touching):
+        raise SceneError(
+            f"{made.scene.source}: does not give the contacts of {replay.name}; name the scene that was replayed"
+        )
+    made.warnings.append(
+        f"{replay.name}: {differ:,} of {len(contacts.ticks):,} ticks touch something else when run again; "
+        "replay it again"
+    )
+
+
+def _contacts_of(made: _Made, replay: Replay, path: Trajectory) -> int:
+    """Index into made.contacts. The coverage is the one that gives the table's counts of areas, zones and samples.
+
+    Errors: SceneError when the table is of another scene.
+    """
+    best, least = 0, len(path) + 1
+    for coverage in COVERAGES:
+        known = [
+            i
+            for i, (other, kind, _) in enumerate(made.contacts)
+            if kind == coverage and np.array_equal(other.rows, path.rows)
+        ]
+        if not known:
+            known = [len(made.contacts)]
+            made.contacts.append((path, coverage, find_contacts(made.scene, path, coverage)))
+        differ = _disagreement(replay, made.contacts[known[0]][2])
+        if differ < least:
+            best, least = known[0], differ
+        if differ == 0:
+            break
+    _check_scene(made, replay, made.contacts[best][2], least)
+    return best
+
+
+def _add_replay(made: _Made, key: str, replay: Replay, path: Trajectory) -> None:
+    packer, table = made.packer, replay.table
+    force_N = forces_N(table)
+    shift_m = np.stack([table[f"d{axis}_m"] for axis in "xyz"], axis=1) - path.position_m
+    packer.add_numbers(f"{key}.t_s", path.t_s - path.t_s[0], _TIME_S)
+    packer.add_numbers(f"{key}.position_m", path.position_m, _POSITION_M)
+    packer.add_numbers(f"{key}.quaternion", path.rows[:, 4:], _ANGLE)
+    packer.add_numbers(f"{key}.shift_m", shift_m, _POSITION_M)
+    packer.add_numbers(f"{key}.force_N", force_N, _FORCE_N)
+    packer.add_numbers(f"{key}.depth_m", table["depth_m"], _DEPTH_M)
+    packer.add_numbers(f"{key}.turn_deg", np.nan_to_num(turn_deg(force_N), nan=-1.0), _TURN_DEG)
+    for name in ("tick_ns", "areas", "zones", "contacts"):
+        packer.add_integers(f"{key}.{name}", np.minimum(table[name], 1 << 29))
+
+
+def _add_contacts(made: _Made, key: str, contacts: Contacts, patches: list[int]) -> None:
+    """Changes name their state: 0 is no contact, else 1 + index into `key.states` of (area label, zone)."""
+    packer, changes, zones = made.packer, contacts.changes, contacts.zones
+    colour = {patch: index for index, patch in enumerate(patches)}
+    zone_of = np.array([colour.get(int(p), -1) for p in changes["patch"]], np.int64)
+    pairs = np.stack([changes["area"].astype(np.int64) - 1, zone_of], axis=1)
+    states, index = np.unique(pairs[changes["area"] > 0], axis=0, return_inverse=True)
+    state = np.zeros(len(changes), np.int64)
+    state[changes["area"] > 0] = 1 + index.reshape(-1)
+    packer.add_integers(f"{key}.states", states.reshape(-1, 2))
+    packer.add_integers(f"{key}.changes", contacts.ticks["changes"])
+    packer.add_integers(f"{key}.sample", changes["sample"])
+    packer.add_integers(f"{key}.state", state)
+    packer.add_numbers(f"{key}.point_m", contacts.ticks["point_m"], _POSITION_M)
+    packer.add_integers(f"{key}.zone_count", contacts.ticks["zones_stored"])
+    packer.add_integers(f"{key}.zone", [colour.get(int(p), -1) for p in zones["patch"]])
+    packer.add_numbers(f"{key}.zone_centre_m", zones["centre_m"], 1e-5)
+    packer.add_numbers(f"{key}.zone_normal", zones["normal"], 1e-3)
+    packer.add_numbers(f"{key}.zone_radius_m", np.sqrt(zones["area_m2"] / np.pi), 1e-5)
+    packer.add_numbers(f"{key}.zone_share", zones["share"], 1e-2)
+
+
+def _patches(made: _Made, used: Sequence[int]) -> list[int]:
+    """Patches that are touched, the longest touched first."""
+    zones = np.concatenate([made.contacts[i][2].zones["patch"] for i in used])
+    patches, counts = np.unique(zones[zones != NO_PATCH], return_counts=True)
+    return [int(p) for p in patches[np.argsort(-counts, kind="stable")]]
+
+
+def _add_body(packer: Packer, key: str, body: Body) -> None:
+    size_m = float(np.abs(body.vertices_m).max())
+    packer.add_numbers(f"{key}.vertices_m", body.vertices_m, size_m / 65536)
+    packer.add_integers(f"{key}.triangles", body.triangles)
+
+
+def _unit(v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """v at length 1, or zero."""
+    length = float(np.linalg.norm(v))
+    return v / length if length > 0.0 else np.zeros_like(v)
+
+
+def _camera(scene: Scene, path: Trajectory, contacts: Contacts) -> dict[str, object]:
+    """Where to look from: the middle of the path, across its plane and from outside, wide enough for the tool."""
+    meta = scene.meta
+    centre = np.array([float(v) for v in meta.root_centre_m])
+    w, v = path.rows[:, 4:5], path.rows[:, 5:]
+    turned = centre + 2.0 * np.cross(v, np.cross(v, centre) + w * centre)
+    middle_m = turned + path.position_m
+    zones = contacts.zones
+    outward = _unit(zones["normal"].astype(np.float64).sum(axis=0)) if len(zones) else np.zeros(3)
+    outward = outward if outward.any() else np.array([0.0, 0.0, 1.0])
+    touching = contacts.ticks["areas"] > 0
+    points_m = contacts.ticks["point_m"].astype(np.float64)
+    halfway_m = 0.5 * (points_m + middle_m)[touching] if touching.any() else middle_m
+    target_m = halfway_m.mean(axis=0)
+    _, axes = np.linalg.eigh(np.cov(middle_m.T, ddof=0))
+    least, most = axes[:, 0], axes[:, 2]
+    across = least - (least @ outward) * outward
+    if np.linalg.norm(across) < 0.3:
+        across = np.cross(most, outward)
+    across = _unit(across) if np.linalg.norm(across) > 1e-6 else np.array([0.0, -1.0, 0.0])
+    across = across if across @ np.array([0.3, -1.0, 0.2]) >= 0.0 else -across
+    away_m = float(np.percentile(np.linalg.norm(middle_m - target_m, axis=1), 75))
+    radius_m = float(meta.root_radius_m)
+    return {
+        "target_m": target_m.tolist(),
+        "direction": _unit(outward + across).tolist(),
+        "span_m": VIEW_SPAN * (radius_m + min(away_m, 2.0 * radius_m)),
+    }
+
+
+def _start_s(path: Trajectory, contacts: Contacts) -> float:
+    """Where the page opens: halfway through the contact, so that the first picture shows a force."""
+    touching = np.flatnonzero(contacts.ticks["areas"] > 0)
+    at = int(touching[len(touching) // 2]) if len(touching) else 0
+    return float(path.t_s[at] - path.t_s[0])
+
+
+def _fill(title: str, header: dict[str, object], data: str) -> str:
+    """The template with everything in its place."""
+    scripts = load_scripts()
+    text = (FOLDER / "page.html").read_text(encoding="utf-8")
+    ours = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in OURS)
+    parts = {
+        "TITLE": html.escape(title),
+        "STYLE": scripts.uplot_css + (FOLDER / "page.css").read_text(encoding="utf-8"),
+        "THREE": scripts.three,
+        "UPLOT": scripts.uplot,
+        "NOTICE": html.escape(scripts.notice),
+        "OURS": ours,
+        "HEADER": json.dumps(header, allow_nan=False).replace("<", "\\u003c"),
+        "DATA": data,
+    }
+    pieces = text.split("@@")
+    return "".join(parts[p] if i % 2 else p for i, p in enumerate(pieces))
+
+
+def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
+    """One page for replays of one scene.
+
+    Errors: CreaseError for tables that do not fit the scene, too many of them, or libraries that are not installed.
+    Cost: about 2 s and 1.3 MB for 2 x 3,000 ticks.
+    """
+    if len(replays) > REPLAYS_MAX:
+        raise TableError(
+            f"{len(replays)} replays do not fit beside each other; give {REPLAYS_MAX} at most"
+        )
+    static, tool = read_bodies(scene)
+    made = _Made(scene)
+    paths = [path_of(replay) for replay in replays]
+    index = [_contacts_of(made, *pair) for pair in zip(replays, paths, strict=True)]
+    used = sorted(set(index))
+    patches = _patches(made, used)
+    for i, (replay, path) in enumerate(zip(replays, paths, strict=True)):
+        _add_replay(made, f"replay{i}", replay, path)
+    for i in used:
+        _add_contacts(made, f"contacts{i}", made.contacts[i][2], patches)
+    drawn = {"static": reduce_body(static, TRIANGLES_MAX), "tool": reduce_body(tool, TRIANGLES_MAX)}
+    for name, body in drawn.items():
+        _add_body(made.packer, name, body)
+    made.packer.add_numbers("samples_m", tool_samples_m(scene), _POSITION_M)
+    header: dict[str, object] = {
+        "title": title,
+        "replays": [
+            {"name": r.name, "contacts": f"contacts{i}"}
+            for r, i in zip(replays, index, strict=True)
+        ],
+        "patches": patches,
+        "start_s": _start_s(paths[0], made.contacts[index[0]][2]),
+        "arrays": made.packer.header,
+        "camera": _camera(scene, paths[0], made.contacts[index[0]][2]),
+        "tool_radius_m": float(scene.meta.root_radius_m),
+        "spacing_m": float(scene.meta.spacing_m),
+        "crease_angle_rad": float(scene.meta.crease_angle_rad),
+    }
+    text = _fill(title, header, made.packer.encode())
+    report: dict[str, object] = {
+        "replays": len(replays),
+        "ticks": max(len(path) for path in paths),
+        "page_bytes": len(text.encode("utf-8")),
+        "triangles": {name: len(body.triangles) for name, body in drawn.items()},
+        "triangles_baked": {"static": len(static.triangles), "tool": len(tool.triangles)},
+    }
+    return Page(text, tuple(made.warnings), report)

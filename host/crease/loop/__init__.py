@@ -1,0 +1,1 @@
+"""The closed loop: servo, bus, drives, mechanism and hand."""

@@ -1,0 +1,1 @@
+"""Meshes: read, mended, joined."""

@@ -1,0 +1,219 @@
+"""Recordings of the servo: read, told, and run again through the firmware."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.base.errors import RecordingError
+from crease.base.native import error_text, ffi, lib
+from crease.base.records import record
+from crease.base.scene import Scene
+
+SUFFIX = ".crr"
+MAGIC = b"CRRECORD"
+_ALIGN = 64
+
+RECORD = record(
+    "cr_record",
+    opened=("joints", "world_from_tool"),
+    names={
+        "pos_m": "position_m",
+        "rot": "quaternion",
+        "velocity_world_m_s": "velocity_m_s",
+        "contact_force_world_N": "contact_force_N",
+        "contact_torque_world_Nm": "contact_torque_Nm",
+        "force_world_N": "force_N",
+        "area_count": "areas",
+        "zone_count": "zones",
+    },
+)
+"""Of firmware/servo.h; joint units are m, rad, rad."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """rows: structured array RECORD (n,). config: a cffi `cr_servo_config *`."""
+
+    rows: npt.NDArray[Any] = field(repr=False)
+    config: Any = field(repr=False)
+    scene_crc32: int
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """What running a recording again gave. different: ticks whose outputs are not the same to the bit."""
+
+    records: int
+    different: int
+    first: int | None
+    gap: bool
+    rows: npt.NDArray[Any] = field(repr=False)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the file starts like a recording. False when it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def load_recording(path: Path) -> Recording:
+    """Errors: RecordingError for a file that is none, of another version, or cut short."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    start = int(lib.CR_RECORDS_AT)
+    if len(data) < start:
+        raise RecordingError(f"{path}: is no recording: {len(data)} bytes are less than its head")
+    head, config = ffi.new("cr_record_head *"), ffi.new("cr_servo_config *")
+    code = int(lib.cr_record_head_read(data, head, config))
+    if code != lib.CR_OK:
+        reason = {
+            lib.CR_ERR_MAGIC: "is no recording of the servo",
+            lib.CR_ERR_VERSION: f"is a recording of format {head.version or '?'}, not {lib.CR_RECORD_VERSION}",
+        }.get(code, error_text(code))
+        raise RecordingError(f"{path}: {reason}; record it again with this version")
+    body = len(data) - start
+    if body == 0 or body % RECORD.itemsize:
+        raise RecordingError(
+            f"{path}: is cut short: {body} bytes of records are not whole records of {RECORD.itemsize}"
+        )
+    rows = np.frombuffer(data, dtype=RECORD, offset=start).copy()
+    return Recording(rows, config, int(head.scene_crc32), str(path))
+
+
+def recording_bytes(rows: npt.NDArray[Any], config: Any, scene: Scene) -> bytes:
+    """The bytes of a recording file."""
+    head = np.zeros(int(lib.CR_RECORDS_AT), dtype=np.uint8)
+    lib.cr_record_head_write(
+        config,
+        ffi.from_buffer(scene.image),
+        len(scene.image),
+        ffi.from_buffer("uint8_t[]", head, require_writable=True),
+    )
+    return head.tobytes() + np.ascontiguousarray(rows).tobytes()
+
+
+def scene_crc32(scene: Scene) -> int:
+    """The checksum that a recording keeps of its scene."""
+    return int(ffi.cast("struct cr_img_header *", ffi.from_buffer(scene.image)).crc32)
+
+
+class Servo:
+    """A servo of the firmware over a scene, in memory of its own. Not for two threads at once."""
+
+    def __init__(self, scene: Scene, config: Any | None = None) -> None:
+        """config: a cffi `cr_servo_config *`; the assumed device when it is not given.   Errors: RecordingError."""
+        self.scene = scene
+        self.config = config or ffi.new("cr_servo_config *", lib.cr_servo_config_default())
+        wrong = lib.cr_servo_config_error(self.config)
+        if wrong != ffi.NULL:
+            raise RecordingError(f"configuration of the servo: {ffi.string(wrong).decode('ascii')}")
+        size = int(lib.cr_servo_size(scene.handle, self.config))
+        self._memory = np.zeros(size + _ALIGN, dtype=np.uint8)
+        start = -self._memory.ctypes.data % _ALIGN
+        memory = ffi.from_buffer("uint8_t[]", self._memory) + start
+        servo = ffi.new("cr_servo **")
+        code = int(lib.cr_servo_init(servo, memory, size, scene.handle, self.config))
+        if code != lib.CR_OK:
+            raise RecordingError(f"{scene.source}: {error_text(code)}")
+        self.c: Any = servo[0]
+
+
+def rerun(recording: Recording, scene: Scene) -> Rerun:
+    """Feed the inputs of a recording to a fresh servo and compare every output to the bit.
+
+    Errors: RecordingError when the scene is another, or the recording does not start with the servo's first tick.
+    Cost: about 5 us a tick in contact.
+    """
+    if recording.scene_crc32 != scene_crc32(scene):
+        raise RecordingError(
+            f"{recording.source}: was recorded with another scene than {scene.source} "
+            f"(checksum {recording.scene_crc32:08x}, not {scene_crc32(scene):08x})"
+        )
+    servo = Servo(scene, recording.config)
+    result = ffi.new("cr_rerun *")
+    out = np.zeros(len(recording), dtype=RECORD)
+    lib.cr_servo_rerun(
+        servo.c,
+        ffi.from_buffer("cr_record[]", recording.rows),
+        len(recording),
+        result,
+        ffi.from_buffer("cr_record[]", out, require_writable=True),
+    )
+    if result.records == 0:
+        raise RecordingError(
+            f"{recording.source}: starts at tick {int(recording.rows['tick'][0])}, not at the servo's first"
+        )
+    return Rerun(
+        records=int(result.records),
+        different=int(result.different),
+        first=int(result.first) if result.different else None,
+        gap=bool(result.gap),
+        rows=out[: result.records],
+    )
+
+
+def mode_names() -> list[str]:
+    """Names of the modes, by number."""
+    return [ffi.string(lib.cr_mode_text(i)).decode("ascii") for i in range(int(lib.CR_MODE_COUNT))]
+
+
+def fault_names(bits: int) -> list[str]:
+    """Names of the faults in a word of fault bits."""
+    return _bit_names(bits, lib.cr_servo_fault_text)
+
+
+def limit_names(bits: int) -> list[str]:
+    """Names of the limits in a word of limit bits."""
+    return _bit_names(bits, lib.cr_limit_text)
+
+
+def _bit_names(bits: int, text: Any) -> list[str]:
+    return [ffi.string(text(1 << i)).decode("ascii") for i in range(32) if bits >> i & 1]
+
+
+def _missing(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """States that did not come in time, in each tick."""
+    total = rows["counters"]["missing"].sum(axis=1).astype(np.int64)
+    return np.diff(total, prepend=total[:1])
+
+
+def to_columns(rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
+    """The columns of a table of ticks, by name: what of a record is worth plotting."""
+    columns: dict[str, npt.NDArray[Any]] = {
+        "t_s": (rows["sync_ns"] - rows["sync_ns"][0]).astype(np.float64) * 1e-9
+    }
+    vectors = {
+        ("x_m", "y_m", "z_m"): "position_m",
+        ("qw", "qx", "qy", "qz"): "quaternion",
+        ("vx_m_s", "vy_m_s", "vz_m_s"): "velocity_m_s",
+        ("fx_N", "fy_N", "fz_N"): "force_N",
+        ("contact_fx_N", "contact_fy_N", "contact_fz_N"): "contact_force_N",
+        ("joint_x_m", "joint_y_rad", "joint_z_rad"): "joint",
+        ("tau_x_N", "tau_y_Nm", "tau_z_Nm"): "torque",
+        ("target_x", "target_y", "target_z"): "target",
+    }
+    for names, name in vectors.items():
+        columns.update(zip(names, rows[name].T, strict=True))
+    for name in ("energy_J", "depth_m", "margin", "areas", "zones", "mode", "limits", "faults"):
+        columns[name] = rows[name]
+    waited_ns = (rows["now_ns"] - rows["sync_ns"]).astype(np.float64)
+    columns["states_us"] = 1e-3 * waited_ns
+    columns["torque_us"] = 1e-3 * (waited_ns + rows["tick_ns"])
+    columns["states_missing"] = _missing(rows)
+    columns["wake_late_ns"] = rows["wake_late_ns"]
+    columns["tick_ns"] = rows["tick_ns"]
+    return columns

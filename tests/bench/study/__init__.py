@@ -1,0 +1,1 @@
+"""What `crease bench` runs. One module for each name, with run(setup) -> Result."""
