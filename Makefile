@@ -282,11 +282,14 @@ $(PEERS)/libpeers.so: $(wildcard tests/bench/peers/*.c tests/bench/peers/*.h tes
 	c++ -O2 -fPIC -Wall -Wextra $$(pkg-config --cflags bullet-float64 | sed 's/-I/-isystem /g') -c tests/bench/peers/gimpact.cpp -o $(PEERS)/gimpact.o
 	c++ -shared $(PEERS)/peers.o $(PEERS)/gimpact.o -lode -lccd $$(pkg-config --libs bullet-float64) -lm -o $@
 
-bench-peers: build/.host build/scenes/.stamp $(PEERS)/libpeers.so ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
+$(PEERS)/.libraries: $(PEERS)/libpeers.so
 	@test -x $(PEERS)/bin/python || "$(PYTHON)" -m venv $(PEERS)
 	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check numpy scipy trimesh
 	@for p in $(PEERS_PIP); do $(PEERS)/bin/pip install --quiet --disable-pip-version-check --only-binary :all: $$p \
-	    || echo "bench-peers: $$p has no wheel for this machine: left out"; done
+	    || echo "bench: $$p has no wheel for this machine: left out"; done
+	@touch $@
+
+bench-peers: build/.host build/scenes/.stamp $(PEERS)/.libraries ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
 	rm -rf $(PEERS)/raw
 	$(PEERS)/bin/python tests/bench/peers/query.py meshes/scenes.toml build/meshes $(PEERS)/raw $(PEERS_SCENES) --library $(PEERS)/libpeers.so
 	@mkdir -p build/bench
@@ -296,6 +299,11 @@ bench-peers: build/.host build/scenes/.stamp $(PEERS)/libpeers.so ## rival libra
 
 bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/bench/REPORT.md
 	$(PY) tests/bench/report.py build/bench
+
+bench-properties: build/.host build/meshes/.stamp $(PEERS)/.libraries ## what a contact force must have, all responses and libraries: build/properties, 10 minutes
+	rm -rf $(PEERS)/properties
+	$(PEERS)/bin/python tests/bench/peers/query.py meshes/property_scenes.toml build/meshes $(PEERS)/properties --every 4 --repeat 1 --library $(PEERS)/libpeers.so
+	$(CREASE) bench properties -o build/properties --peers $(PEERS)/properties --force
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress
@@ -410,5 +418,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov
