@@ -3,6 +3,10 @@
 
 /* How much deeper than what is nearest to a plane a sample elsewhere may be below it. */
 #define BEYOND 2.0f
+/* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
+#define FAR_MAX 4.0f
+/* Share of a half-space's weight from which on a plane is seen well enough to say so. */
+#define SEEN 0.05f
 /* Cosine of normal and plane from which on the exit through the plane is trusted; below the least one it is looked for along the normal. */
 #define STEEP 0.5f
 #define STEEP_MIN 0.3f
@@ -63,8 +67,10 @@ static void add_bounds(const cr_way_half *half, const spot *at, cr_way_exits *e)
         }
         const float height = v3_dot(q->normal, at->p) + q->offset_m, leaves = v3_dot(q->normal, half->normal) * q->part;
         if (k == at->count && height < 0.0f && leaves > CR_WAY_LEAVES_MIN) {
+            /* A plane that is hardly touched yet says nothing of how deep one may be below it. */
+            const float seen = max_f(1e-6f, min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3)));
             e->normal[e->count] = q->normal;
-            e->height_m[e->count] = max_f(height, -BEYOND * q->deep_m - at->c->ramp[at->lane]);
+            e->height_m[e->count] = max_f(height, -(BEYOND * q->deep_m + at->c->ramp[at->lane]) / seen);
             e->leaves[e->count++] = leaves;
         }
     }
@@ -85,7 +91,8 @@ static void count_for(const survey *s, const spot *at, cr_way_half *half, float 
     for (uint32_t k = 0; k < e.count; k++) {
         leaves = max_f(leaves, e.leaves[k]);
     }
-    float way_m = cr_way_longest(at->c, at->lane, &e);
+    const float most_m = FAR_MAX * half->deep_m + at->c->ramp[at->lane];
+    float way_m = min_f(most_m, cr_way_longest(at->c, at->lane, &e));
     if (!(way_m * part > half->depth_m)) {
         return;
     }

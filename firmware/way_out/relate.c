@@ -112,9 +112,9 @@ static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, const
     return 1.0f - conflict;
 }
 
-/* Of the surfaces that make a sum each counts by what it is of the largest: not below a third of it, in full when it is as large. So a wall does not lean towards a
- * face that is little touched, and a face is felt flat until its neighbour takes over. */
-static cr_vec3 favour_steep(const cr_way_zones *zones, const means *m, const float *alpha) {
+/* Of the surfaces that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
+ * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). */
+static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const float *alpha) {
     cr_vec3 of[CR_WAY_ZONES_MAX], sum = v3(0.0f, 0.0f, 0.0f);
     uint32_t surface[CR_WAY_ZONES_MAX], count = 0u;
     float most = 0.0f;
@@ -132,7 +132,8 @@ static cr_vec3 favour_steep(const cr_way_zones *zones, const means *m, const flo
     }
     for (uint32_t s = 0; s < count; s++) {
         const float size = v3_norm(of[s]);
-        sum = size > 0.0f ? v3_mad(sum, of[s], max_f(0.0f, 1.5f * size - 0.5f * most) / size) : sum;
+        const float r = most > 0.0f ? size / most : 0.0f;
+        sum = v3_mad(sum, of[s], r * (2.5f - 1.5f * r));
     }
     return sum;
 }
@@ -166,7 +167,7 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float 
             break;
         }
     }
-    sum = v3_scale(favour_steep(zones, m, alpha), 1.0f);
+    sum = v3_scale(favour_large(zones, m, alpha), 1.0f);
     const float outside = v3_norm(left);
     const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));
     return v3_mad(sum, left, kept);
@@ -192,13 +193,14 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         cr_way_bound *bound = &out->bounds[b];
         if (b == out->bound_count) {
             out->bound_count++;
-            bound->part = bound->deep_m = 0.0f;
+            bound->part = bound->deep_m = bound->weight_m3 = 0.0f;
         }
         bound->facet = z->key.surface;
         bound->normal = m[c].unit;
         bound->offset_m = -v3_dot(m[c].unit, m[c].touched);
         bound->part = max_f(bound->part, held);
         bound->deep_m = max_f(bound->deep_m, held * z->deep_m);
+        bound->weight_m3 += held * z->weight_m3;
     }
 }
 
@@ -215,8 +217,10 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
 static void make_half(const cr_way_zones *zones, const means *m, const float *part, float whole_m3, cr_way_half *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f;
+    out->deep_m = 0.0f;
     for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
+        out->deep_m = max_f(out->deep_m, part[c] * z->deep_m);
         sum = v3_mad(sum, z->push_m3, part[c]);
         turn = v3_mad(turn, z->turn_m4, part[c]);
         centre = v3_mad(centre, z->centre_m4, part[c]);

@@ -72,6 +72,7 @@ typedef struct {
     float offset_m;
     float part;   /* 0..1: how far it belongs there */
     float deep_m; /* of the deepest sample that is nearest to it */
+    float weight_m3;
 } cr_way_bound;
 #define CR_WAY_BOUNDS_MAX 6u
 
@@ -80,6 +81,7 @@ typedef struct {
     uint32_t zones; /* bits */
     cr_vec3 normal; /* unit, or zero */
     float weight_m3, depth_m;
+    float deep_m;  /* of the deepest sample in its zones */
     float open;    /* 0..1: how far the zones have a direction */
     float rules;   /* 0..1: how far they hold most of the weight */
     cr_vec3 arm_m; /* torque about the tool origin of a unit force along normal */
