@@ -192,8 +192,8 @@ def cycle(dictionary: Dictionary, bit_us: float = 1.0, step_us: float = 50.0) ->
 
     A frame of a drive may be on the wire when SYNC is handed over; another may start in the time that the drives need
     to answer; a third may be on the wire when the torque frame is handed over: the heartbeats, once each. The host's
-    own heartbeat goes out behind its torque frame, and SYNC behind that when the bus was late. The wrist comes below the
-    states, while the host computes: a computation shorter than its frame waits for it instead. A bus error is left out:
+    own heartbeat goes out behind its torque frame, and SYNC behind that when the bus was late. The wrist comes below
+    the states, while the host computes: a computation shorter than its frame waits for it instead. A bus error is left out:
     a state that it delays beyond the deadline is bridged.
     """
     messages = [m for m in dictionary.messages() if m.rendering]
