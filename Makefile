@@ -225,10 +225,10 @@ include firmware/port/cortex-m7/device.mk
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
 
-check: build/.develop build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
+check: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.develop build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+test: build/.develop build/.browser build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers

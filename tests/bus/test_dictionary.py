@@ -102,7 +102,7 @@ def test_cantools_reads_sdo_frames_as_canopen_writes_them(generated: Path, node:
     database = load_dbc(generated)
     sent: list[tuple[int, bytes]] = []
 
-    class Recorder(canopen.Network):
+    class Recorder(canopen.Network):  # type: ignore[misc]
         def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
             sent.append((can_id, bytes(data)))
 

@@ -136,7 +136,7 @@ def test_replay_refuses_a_recording_that_is_cut_or_of_another_version(
         ("silent:tick=1600,ticks=50,axis=Y", "silent"),
         ("encoder_jump:tick=1600,axis=X,value=400", "jump"),
         ("drive_reset:tick=1600,axis=Z", "reset"),
-        ("drive_error:tick=1600,axis=X,value=0x2310", "emcy"),
+        ("drive_error:tick=1600,axis=X,value=0x2310", "drive"),  # its EMCY comes below the states
         ("babble:tick=1600,axis=Y,id=0x692,value=20", "babble"),
     ],
 )
