@@ -287,7 +287,7 @@ hil: build/.host build/gcc/creased hil-kernel ## tests on a real vcan: native, o
 lint: build/.host ## format, static analysis and types: C and Python
 	@$(MAKE) --no-print-directory --keep-going $(LINTS)
 
-LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-ruff lint-mypy
+LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-statics lint-ruff lint-mypy
 
 SHIPPED_C := $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
 STRICT := $(WARNINGS) -Werror -Wsign-conversion -Wdouble-promotion -Wvla -Wundef -Wstrict-prototypes -Wmissing-prototypes
@@ -310,6 +310,9 @@ lint-misra:
 
 lint-structure:
 	$(PY) tests/check/structure.py gcc $(C_STD) -Ifirmware -- $(FIRMWARE_C)
+
+lint-statics:
+	$(PY) tests/check/statics.py gcc $(C_STD) $(INCLUDES) -- $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard sim/*.c)
 
 lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)

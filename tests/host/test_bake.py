@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
 import pytest
 import trimesh
 from crease.bake import BakeOptions, bake_scene
-from crease.mesh import make_mesh
+from crease.bake.surface import make_surface
+from crease.mesh import Mesh, make_mesh
 from crease.scene import open_image
 
 
@@ -19,3 +23,23 @@ def test_a_ball_bakes_at_any_tolerance(tolerance_m: float) -> None:
     result = bake_scene(static, cube, options)
     scene = open_image(result.image, "ball")
     assert 0.0 < scene.meta.error_max_m < max(1.5 * tolerance_m, 0.5e-3)
+
+
+def test_bakes_at_the_same_time_find_the_facets_of_one_alone() -> None:
+    # Many facets each, and different ones: a sort key that threads share would order one mesh by another's areas.
+    balls = [trimesh.creation.icosphere(subdivisions=s, radius=20.0) for s in (5, 5, 4)]
+    for number, ball in enumerate(balls):
+        ball.vertices *= 1.0 + 0.2 * np.sin(np.arange(len(ball.vertices)) + number)[:, None]
+    meshes = [
+        make_mesh(b.vertices, b.faces, 1e-3, source="b", digest_sha256="0" * 64) for b in balls
+    ]
+
+    def facets(mesh: Mesh) -> bytes:
+        surface = make_surface(mesh, 20.0)
+        return surface.facet_of.tobytes() + surface.patch_of.tobytes()
+
+    alone = [facets(mesh) for mesh in meshes]
+    with ThreadPoolExecutor(max_workers=6) as threads:
+        together = list(threads.map(facets, meshes * 10))
+    differing = sum(found != alone[i % 3] for i, found in enumerate(together))
+    assert differing == 0, f"{differing} of {len(together)} calls"
