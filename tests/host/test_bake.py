@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 from crease.bake import BakeOptions, bake_scene
+from crease.bake.shell import make_shell
 from crease.bake.surface import make_surface
+from crease.errors import MeshError
 from crease.mesh import Mesh, make_mesh
 from crease.scene import open_image
 
@@ -43,3 +45,15 @@ def test_bakes_at_the_same_time_find_the_facets_of_one_alone() -> None:
         together = list(threads.map(facets, meshes * 10))
     differing = sum(found != alone[i % 3] for i, found in enumerate(together))
     assert differing == 0, f"{differing} of {len(together)} calls"
+
+
+def test_a_tool_with_more_detail_than_a_tick_can_work_off_is_refused() -> None:
+    # A hundred cubes of 0.1 mm in a heap as wide as one sample: every sample is beside every other.
+    grid = np.stack(np.meshgrid(*(np.arange(n) for n in (5, 5, 4))), axis=-1).reshape(-1, 3)
+    cubes = [trimesh.creation.box(extents=(0.1, 0.1, 0.1)) for _ in grid]
+    for cube, place in zip(cubes, grid, strict=True):
+        cube.apply_translation(0.2 * place)
+    heap = trimesh.util.concatenate(cubes)
+    mesh = make_mesh(heap.vertices, heap.faces, 1e-3, source="heap", digest_sha256="0" * 64)
+    with pytest.raises(MeshError, match="at most 512: the tool has creases much closer"):
+        make_shell(make_surface(mesh, 30.0), spacing_m=2e-3)
