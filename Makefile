@@ -133,6 +133,9 @@ CC_cov := gcc
 CFLAGS_cov := -O0 -g --coverage -DNDEBUG
 CC_fuzz := clang
 CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
+# As a Cortex-M runs it: lane by lane.
+CC_scalar := $(CC_fuzz)
+CFLAGS_scalar := $(CFLAGS_fuzz) -DCR_SCALAR=1
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
 C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -DCR_RIVALS -ffp-contract=off -fno-math-errno
 INCLUDES := -Ifirmware -Ifirmware/port/linux -Ifirmware/port/cortex-m7 -Ihost/native -Isim -Isim/port/linux -Itests/unit -Itests/property
@@ -162,7 +165,7 @@ build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcreas
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 endef
-$(foreach variant,gcc clang san cov fuzz,$(eval $(call VARIANT,$(variant))))
+$(foreach variant,gcc clang san cov fuzz scalar,$(eval $(call VARIANT,$(variant))))
 include firmware/port/cortex-m7/device.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
@@ -180,11 +183,15 @@ sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizer
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= 60
 
-fuzz: build/.host $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+fuzz: build/.host $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) build/fuzz/fuzz_scene_scalar ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
 	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
 
 build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libcrease.a build/fuzz/libsim.a
 	@$(CC_fuzz) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_fuzz)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
+
+build/fuzz/fuzz_scene_scalar: build/scalar/tests/fuzz/fuzz_scene.o build/scalar/libcrease.a build/scalar/libsim.a
+	@mkdir -p $(@D)
+	@$(CC_scalar) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_scalar)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
 # 2.8 hours of rendering, in 4 minutes.
 SOAK_TICKS ?= 10000000

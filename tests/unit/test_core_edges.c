@@ -41,6 +41,79 @@ static void image_that_changes_after_it_was_opened_is_a_fault_and_no_force(void 
     crt_close(&rig);
 }
 
+/* The same tick from rest, with `count` numbers `step_bytes` apart made none: a fault, or no harder push. A tenth is allowed: a plane
+ * lies a little otherwise when samples are left out. */
+static void spoil_and_tick(crt_rig *rig, const cr_pose *pose, float whole_N, void *at, uint32_t count,
+                           size_t step_bytes) {
+    uint8_t *first = at;
+    float *kept = malloc(count * sizeof *kept);
+    const float none = NAN;
+    cr_output out;
+    assert_non_null(kept);
+    for (uint32_t i = 0; i < count; i++) {
+        memcpy(&kept[i], first + i * step_bytes, sizeof none);
+        memcpy(first + i * step_bytes, &none, sizeof none);
+    }
+    crt_restart(rig, NULL);
+    cr_tick(rig->world, pose, 1e-3f, &out);
+    for (uint32_t i = 0; i < count; i++) {
+        memcpy(first + i * step_bytes, &kept[i], sizeof none);
+    }
+    free(kept);
+    const float force_N = v3_norm(out.force_world_N);
+    if (!(force_N <= (out.faults != 0u ? 0.0f : 1.1f * whole_N))) {
+        fail_msg("%g N instead of %g N", (double)force_N, (double)whole_N);
+    }
+}
+
+/* A spacing of the image that is none was once cut to the largest depth: 13.9 N instead of 0.5 N, and no fault. */
+static void not_a_number_in_the_image_never_pushes_harder(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-20e-3, 20e-3, 20e-3, -20e-3, 0.0);
+    cr_pose poses[] = {crt_pose(0.0, 0.0, 3.5e-3), crt_pose(20e-3, 0.0, 3e-3), crt_pose(19e-3, 19.5e-3, 2.5e-3)};
+    poses[1].rot = crt_turn(0.0, 1.0, 0.0, 0.7);
+    poses[2].rot = crt_turn(1.0, 2.0, 0.3, 0.5);
+    crt_rig rig;
+    crt_open_cube(&rig, &block, 4e-3, 1e-3, VOXEL_M);
+    struct cr_img_meta *m = crt_section(rig.image, CR_SEC_META);
+    struct cr_img_cluster *c = crt_section(rig.image, CR_SEC_CLUSTERS);
+    struct cr_img_facet *f = crt_section(rig.image, CR_SEC_FACETS);
+    float *const lengths[] = {m->origin_m,    &m->brick_m,       &m->voxel_m,       &m->band_m,      &m->crease_m,
+                              &m->quantum_m,  &m->error_out_m,   &m->error_in_m,    &m->error_max_m, &m->spacing_m,
+                              &m->ramp_max_m, &m->tool_radius_m, &m->root_radius_m, m->root_centre_m};
+    for (size_t p = 0; p < sizeof poses / sizeof *poses; p++) {
+        cr_output out;
+        crt_restart(&rig, NULL);
+        cr_tick(rig.world, &poses[p], 1e-3f, &out);
+        const float whole_N = v3_norm(out.force_world_N);
+        assert_true(whole_N > 0.1f && out.faults == 0u);
+        for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
+            spoil_and_tick(&rig, &poses[p], whole_N, lengths[i], 1u, sizeof *m);
+        }
+        for (size_t k = 0; k < offsetof(struct cr_img_cluster, count); k += sizeof(float)) {
+            spoil_and_tick(&rig, &poses[p], whole_N, (uint8_t *)c + k, rig.scene.cluster_count, sizeof *c);
+        }
+        for (size_t k = 0; k < 4u; k++) {
+            spoil_and_tick(&rig, &poses[p], whole_N, (float *)f + k, rig.scene.facet_count, sizeof *f);
+        }
+    }
+    crt_close(&rig);
+}
+
+static void limits_keep_what_is_no_number(void **state) {
+    (void)state;
+    const float none[] = {NAN, -NAN};
+    for (size_t i = 0; i < 2; i++) {
+        assert_false(is_finite_f(min_f(none[i], 1.0f)) || is_finite_f(min_f(1.0f, none[i])));
+        assert_false(is_finite_f(max_f(none[i], 1.0f)) || is_finite_f(max_f(1.0f, none[i])));
+        assert_false(is_finite_f(min_f(none[i], INFINITY)) || is_finite_f(max_f(-INFINITY, none[i])));
+        assert_true(clamp_f(none[i], -1.0f, 2.0f) == -1.0f); /* an index stays one */
+    }
+    assert_true(min_f(1.0f, 2.0f) == 1.0f && min_f(2.0f, 1.0f) == 1.0f && min_f(-INFINITY, INFINITY) == -INFINITY);
+    assert_true(max_f(1.0f, 2.0f) == 2.0f && max_f(2.0f, 1.0f) == 2.0f && max_f(-INFINITY, INFINITY) == INFINITY);
+    assert_true(clamp_f(3.0f, -1.0f, 2.0f) == 2.0f && clamp_f(-3.0f, -1.0f, 2.0f) == -1.0f);
+}
+
 /* ---- work that is bounded ---------------------------------------------------------------------------------------- */
 
 /* The image with its tree replaced: groups[levels], each the only child of the one before, sixteen times over. */
@@ -245,6 +318,8 @@ static void zones_with_ambiguous_creases_go_by_where_they_lie(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(image_that_changes_after_it_was_opened_is_a_fault_and_no_force),
+        cmocka_unit_test(not_a_number_in_the_image_never_pushes_harder),
+        cmocka_unit_test(limits_keep_what_is_no_number),
         cmocka_unit_test(image_that_multiplies_the_work_of_a_tick_is_refused),
         cmocka_unit_test(field_takes_planes_that_hardly_differ_as_one),
         cmocka_unit_test(field_of_one_plane_is_its_height),
