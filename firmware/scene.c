@@ -123,12 +123,20 @@ static cr_err check_meta(const struct cr_img_meta *m) {
         const float *values;
         size_t count;
         float low, high;
-    } ranges[] = {{m->origin_m, 3, -VALUE_MAX, VALUE_MAX},      {&m->brick_m, 1, LENGTH_MIN, VALUE_MAX},
-                  {&m->voxel_m, 1, LENGTH_MIN, VALUE_MAX},      {&m->band_m, 1, LENGTH_MIN, VALUE_MAX},
-                  {&m->crease_m, 1, 0.0f, VALUE_MAX},           {&m->quantum_m, 1, LENGTH_MIN / 32768.0f, VALUE_MAX},
-                  {&m->error_out_m, 4, 0.0f, VALUE_MAX},        {&m->crease_angle_rad, 1, 0.0f, PI_UP},
-                  {&m->spacing_m, 1, LENGTH_MIN, VALUE_MAX},    {&m->tool_radius_m, 1, 0.0f, VALUE_MAX},
-                  {m->root_centre_m, 3, -VALUE_MAX, VALUE_MAX}, {&m->root_radius_m, 3, 0.0f, VALUE_MAX},
+    } ranges[] = {{m->origin_m, 3, -VALUE_MAX, VALUE_MAX},
+                  {&m->brick_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->voxel_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->band_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->crease_m, 1, 0.0f, VALUE_MAX},
+                  {&m->quantum_m, 1, LENGTH_MIN / 32768.0f, VALUE_MAX},
+                  {&m->error_out_m, 4, 0.0f, VALUE_MAX},
+                  {&m->crease_angle_rad, 1, 0.0f, PI_UP},
+                  {&m->spacing_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->tool_radius_m, 1, 0.0f, VALUE_MAX},
+                  {m->root_centre_m, 3, -VALUE_MAX, VALUE_MAX},
+                  {&m->root_radius_m, 1, 0.0f, VALUE_MAX},
+                  {&m->shell_area_m2, 1, 0.0f, VALUE_MAX * VALUE_MAX},
+                  {&m->ramp_max_m, 1, 0.0f, VALUE_MAX},
                   {&m->static_unit_m, 2, UNIT_MIN, VALUE_MAX}};
     for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
         if (!all_in(ranges[i].values, ranges[i].count, ranges[i].low, ranges[i].high)) {

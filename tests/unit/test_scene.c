@@ -64,6 +64,13 @@ static void scene_opens_a_valid_image(void **state) {
     assert_int_equal(s.adj_start[s.cluster_count], s.adj_count);
 }
 
+static void scene_takes_a_tool_as_large_as_a_hall(void **state) {
+    (void)state;
+    restore();
+    ((struct cr_img_meta *)crt_section(damaged, CR_SEC_META))->shell_area_m2 = 2e4f;
+    assert_int_equal(open_sealed(), CR_OK);
+}
+
 static void scene_takes_memory_longer_than_the_image(void **state) {
     (void)state;
     uint8_t *longer = aligned_alloc(CR_IMG_ALIGN, good_size + 64u);
@@ -285,7 +292,7 @@ static void scene_refuses_counts_out_of_range(void **state) {
 }
 
 /* What a number may be: any place; none below zero; a length that something is divided by; not more than a half turn. */
-typedef enum { PLACE, RADIUS, LENGTH, TURN } sort;
+typedef enum { PLACE, RADIUS, AREA, LENGTH, TURN } sort;
 
 static void refuse(uint32_t id, size_t offset_bytes, float value) {
     uint32_t word;
@@ -312,7 +319,7 @@ static void refuse(uint32_t id, size_t offset_bytes, float value) {
 static void spoil(uint32_t id, size_t first, size_t count, sort of) {
     for (size_t i = 0; i < count; i++) {
         const size_t at = first + 4u * i;
-        const float never[] = {NAN, -NAN, INFINITY, -INFINITY, 1e30f, -1e30f, 1.1e4f};
+        const float never[] = {NAN, -NAN, INFINITY, -INFINITY, 1e30f, -1e30f, of == AREA ? 1.1e8f : 1.1e4f};
         for (size_t k = 0; k < sizeof never / sizeof *never; k++) {
             refuse(id, at, never[k]);
         }
@@ -350,7 +357,7 @@ static void scene_refuses_every_number_of_meta_outside_its_range(void **state) {
     META(tool_radius_m, 1, RADIUS);
     META(root_centre_m, 3, PLACE);
     META(root_radius_m, 1, RADIUS);
-    META(shell_area_m2, 1, RADIUS);
+    META(shell_area_m2, 1, AREA);
     META(ramp_max_m, 1, LENGTH);
     META(static_unit_m, 1, LENGTH);
     META(tool_unit_m, 1, LENGTH);
@@ -475,6 +482,7 @@ static void scene_error_texts_are_all_there(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(scene_opens_a_valid_image),
+        cmocka_unit_test(scene_takes_a_tool_as_large_as_a_hall),
         cmocka_unit_test(scene_takes_memory_longer_than_the_image),
         cmocka_unit_test(scene_refuses_null),
         cmocka_unit_test(scene_refuses_an_unaligned_image),
