@@ -6,7 +6,7 @@ import argparse
 import time
 
 from crease.errors import RecordingError
-from crease.recording import fault_names, load_recording, rerun, to_columns
+from crease.recording import cut_warning, fault_names, load_recording, rerun, to_columns
 from crease.scene import open_scene
 from crease.table import write_table
 from crease.verbs.common import print_either, warn
@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> None:
     scene, recording = open_scene(args.scene), load_recording(args.path)
     result = rerun(recording, scene)
     write_table(args.output, to_columns(result.rows))
-    warnings = []
+    warnings = cut_warning(recording)
     if result.gap:
         warnings.append(
             f"records are missing after tick {int(recording.rows['tick'][result.records - 1])}: "
