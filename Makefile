@@ -165,6 +165,9 @@ CC_cov := gcc
 CFLAGS_cov := -O0 -g --coverage -DNDEBUG
 CC_fuzz := clang
 CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
+# As a Cortex-M runs it: lane by lane.
+CC_scalar := $(CC_fuzz)
+CFLAGS_scalar := $(CFLAGS_fuzz) -DCR_SCALAR=1
 WARNINGS := -Wall -Wextra -Wconversion -Wshadow
 # As on the device. What compares with rivals is built again, in rivals/ of a variant's folder.
 C_STD := -std=c11 -D_POSIX_C_SOURCE=200809L -ffp-contract=off -fno-math-errno
@@ -218,17 +221,17 @@ build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcreas
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
 $(patsubst %.c,build/$(1)/%.o,$(TEST_C) $(TEST_HELPERS) $(FUZZ_C)) build/$(1)/rivals/tests/unit/test_rivals.o: | build/.apt-develop
 endef
-$(foreach variant,gcc clang san cov fuzz,$(eval $(call VARIANT,$(variant))))
-build/clang/.flags build/fuzz/.flags: | build/.apt-develop
+$(foreach variant,gcc clang san cov fuzz scalar,$(eval $(call VARIANT,$(variant))))
+build/clang/.flags build/fuzz/.flags build/scalar/.flags: | build/.apt-develop
 include firmware/port/cortex-m7/device.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
 
-check: build/.develop build/gcc/creased c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
+check: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests
 
-test: build/.develop build/.browser build/gcc/creased c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+test: build/.develop build/.browser build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
@@ -237,11 +240,15 @@ sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizer
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= 60
 
-fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) build/fuzz/fuzz_scene_scalar ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
 	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
 
 build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libhelpers.a build/fuzz/libcrease.a build/fuzz/libsim.a
 	@$(CC_fuzz) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_fuzz)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
+
+build/fuzz/fuzz_scene_scalar: build/scalar/tests/fuzz/fuzz_scene.o build/scalar/libhelpers.a build/scalar/libcrease.a build/scalar/libsim.a
+	@mkdir -p $(@D)
+	@$(CC_scalar) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_scalar)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
 # 2.8 hours of rendering, in 4 minutes.
 SOAK_TICKS ?= 10000000
@@ -352,7 +359,7 @@ hil: build/.develop build/gcc/creased hil-kernel ## tests on a real vcan: native
 lint: build/.develop ## format, static analysis and types: C and Python
 	@$(MAKE) --no-print-directory --keep-going $(LINTS)
 
-LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-rooms lint-ruff lint-mypy
+LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-rooms lint-statics lint-ruff lint-mypy
 
 SHIPPED_C := $(FIRMWARE_C) $(PORT_C) $(NATIVE_C) $(SIM_C)
 # What the extra variant has: other methods, and the few files of the tick that know of them.
@@ -387,6 +394,9 @@ lint-structure:
 
 lint-rooms:
 	$(PY) tests/check/rooms.py
+
+lint-statics:
+	$(PY) tests/check/statics.py gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -- $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard sim/*.c)
 
 lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)

@@ -16,6 +16,9 @@
 #define CR_SCALAR 1
 #endif
 #endif
+#if CR_SCALAR != 0 && CR_SCALAR != 1
+#error "CR_SCALAR: 0 or 1"
+#endif
 
 /* Depth of the sphere tree in groups. 16^6 clusters hold 268 million points; the traversal stack has this length. */
 #ifndef CR_TREE_DEPTH_MAX
@@ -60,7 +63,7 @@
 #error "CR_SEARCH_TICKS_MAX: 1..1000 ticks"
 #endif
 
-/* Contact areas reported and answered. Further areas are merged into the nearest kept one, and counted. */
+/* Contact areas reported and answered. Further areas join the last one that was kept, and are counted. */
 #ifndef CR_AREAS_MAX
 #define CR_AREAS_MAX 16
 #endif
@@ -80,6 +83,9 @@
 /* Sweeps of the projected Gauss-Seidel solve for the zone weights, at most: it ends when no weight moves by 1e-6 of the area. */
 #ifndef CR_SWEEPS_MAX
 #define CR_SWEEPS_MAX 64
+#endif
+#if CR_SWEEPS_MAX < 1 || CR_SWEEPS_MAX > 1024
+#error "CR_SWEEPS_MAX: 1..1024 sweeps"
 #endif
 
 #endif

@@ -61,7 +61,7 @@ const char *cr_err_text(cr_err err);
  * Filled by cr_scene_open only; layout in image.h, bytes in SPEC.md. */
 typedef struct {
     const struct cr_img_meta *meta;
-    const uint32_t *top;                   /* [meta->top_count] near brick index or far bound */
+    const uint32_t *top;                   /* [dims[2]][dims[1]][dims[0]] of meta: near brick index or far bound */
     const struct cr_img_brick *bricks;     /* [brick_count] */
     const int16_t *samples;                /* [sample_count] */
     const uint16_t *cells;                 /* [cell_count] */

@@ -27,10 +27,10 @@ struct cr_sim {
     cr_fault_table faults;
     post out, in;
     double period_s, step_s;
-    uint32_t wall_clock, tick, bus_off; /* bit i: axis i is off the bus */
-    int64_t bits_left;                  /* of this period, while a drive babbles */
-    uint64_t now_us;                    /* of the last call */
-    uint64_t start_us, substeps;        /* mechanism time in wall-clock mode */
+    uint32_t wall_clock, on_wire, tick, bus_off; /* bit i: axis i is off the bus */
+    int64_t bits_left;                           /* of this period, while a drive babbles */
+    uint64_t now_us;                             /* of the last call */
+    uint64_t start_us, substeps;                 /* mechanism time in wall-clock mode */
     int32_t jump[CR_SIM_AXES], stuck[CR_SIM_AXES];
     double *path; /* [path_count][6], null: none */
     size_t path_count, path_at;
@@ -340,7 +340,7 @@ static void tell_drives(cr_sim *sim, const parcel *item) {
 }
 
 size_t cr_sim_send(cr_sim *sim, cr_sim_frame *frames, size_t frames_max) {
-    const int budget = bit_budget_counts(sim);
+    const int budget = !sim->on_wire && bit_budget_counts(sim);
     size_t count = 0;
     while (count < frames_max) {
         const int at = next_out(sim);
@@ -360,6 +360,8 @@ size_t cr_sim_send(cr_sim *sim, cr_sim_frame *frames, size_t frames_max) {
     }
     return count;
 }
+
+void cr_sim_on_wire(cr_sim *sim) { sim->on_wire = 1u; }
 
 void cr_sim_target(cr_sim *sim, const double target_m[3], const double wrist_rad[3]) {
     cr_mech_target(sim->mech, target_m, wrist_rad);

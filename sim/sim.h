@@ -183,6 +183,9 @@ void cr_sim_poll(cr_sim *sim, uint64_t now_us);
  * Output   frames written, at most frames_max; 0 when nothing waits. */
 size_t cr_sim_send(cr_sim *sim, cr_sim_frame *frames, size_t frames_max);
 
+/* Purpose  a wire (wire.h) keeps the time of the frames: a babbling drive is no longer held to what a period has room for. */
+void cr_sim_on_wire(cr_sim *sim);
+
 /* Purpose  where the operator wants the tip to be, and how the wrist stands. Units  m; rad. */
 void cr_sim_target(cr_sim *sim, const double target_m[3], const double wrist_rad[3]);
 

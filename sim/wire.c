@@ -102,6 +102,7 @@ cr_wire *cr_wire_create(cr_sim *sim, uint32_t bit_ns, uint32_t reaction_ns, uint
         w->bit_ns = bit_ns;
         w->reaction_ns = reaction_ns;
         w->free_ns = w->polled_ns = now_ns;
+        cr_sim_on_wire(sim);
         listen(w, now_ns);
     }
     return w;

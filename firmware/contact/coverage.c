@@ -86,7 +86,7 @@ static float cover_looked_up(const cr_planes *p, const struct cr_img_cluster *c,
     float height[CR_KIND_FACETS_MAX], top = -3.4e38f;
     for (uint32_t k = 0; k < p->count; k++) {
         height[k] = v3_dot(p->normal_tool[k], v3(c->x[i], c->y[i], c->z[i])) + p->offset_m[k];
-        top = max_f(top, height[k]);
+        top = higher_f(top, height[k]);
     }
     float share = cr_cover_by_planes(p, c, i, height, top, max_f(top, at->phi_m[i] * p->sign));
     return p->sign < 0.0f ? 1.0f - share : share;
@@ -130,6 +130,6 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_im
     sum->area = sum_products(w, c->area);
     sum->peak = w[0];
     for (int i = 1; i < CR_LANES; i++) {
-        sum->peak = max_f(sum->peak, w[i]);
+        sum->peak = higher_f(sum->peak, w[i]);
     }
 }

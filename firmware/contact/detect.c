@@ -224,7 +224,7 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
     }
     float least = clearance[0];
     for (int i = 1; i < CR_LANES; i++) {
-        least = min_f(least, clearance[i]);
+        least = lower_f(least, clearance[i]);
     }
     return least;
 }

@@ -65,8 +65,8 @@ uint32_t cr_field_kind(const cr_field *f, const cr_lookup *at, int lane) {
     }
     const float side = (float)CR_CELLS_SIDE;
     const float last = side - 1.0f;
-    uint32_t kx = (uint32_t)min_f(at->ux[lane] * side, last), ky = (uint32_t)min_f(at->uy[lane] * side, last);
-    uint32_t kz = (uint32_t)min_f(at->uz[lane] * side, last);
+    uint32_t kx = (uint32_t)lower_f(at->ux[lane] * side, last), ky = (uint32_t)lower_f(at->uy[lane] * side, last);
+    uint32_t kz = (uint32_t)lower_f(at->uz[lane] * side, last);
     return f->scene->cells[b->cells + (kz * CR_CELLS_SIDE + ky) * CR_CELLS_SIDE + kx];
 }
 
@@ -142,7 +142,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
         const int32_t side = (int32_t)b->side, row = side + 1;
         const float n = (float)side, last = n - 1.0f;
         const float vx = ux * n, vy = uy * n, vz = uz * n;
-        const int32_t kx = (int32_t)min_f(vx, last), ky = (int32_t)min_f(vy, last), kz = (int32_t)min_f(vz, last);
+        const int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
         const int16_t *low = s->samples + (int32_t)b->samples + (kz * row + ky) * row + kx, *high = low + row * row;
         sloped r = trilinear(load_pair(low), load_pair(low + row), load_pair(high), load_pair(high + row),
                              vx - (float)kx, vy - (float)ky, vz - (float)kz);
@@ -209,7 +209,7 @@ static lane_sets load_corners(const cr_field *f, const int32_t *top, cr_lookup *
         float n = (float)side[i];
         float vx = at->ux[i] * n, vy = at->uy[i] * n, vz = at->uz[i] * n;
         float last = n - 1.0f;
-        int32_t kx = (int32_t)min_f(vx, last), ky = (int32_t)min_f(vy, last), kz = (int32_t)min_f(vz, last);
+        int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
         c->fx[i] = vx - (float)kx;
         c->fy[i] = vy - (float)ky;
         c->fz[i] = vz - (float)kz;

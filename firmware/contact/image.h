@@ -170,6 +170,9 @@ struct cr_img_sum {
     float peak; /* largest coverage of a lane: 1 in the image */
 };
 
+/* Records that one cluster's list may have: the work of a tick is bounded by it. The tools of meshes/ have up to 76. */
+#define CR_IMG_BESIDE_MAX 512u
+
 /* Samples beside each other on the tool surface across two clusters: each of `mine` is beside each of `theirs`. */
 struct cr_img_neighbour {
     uint32_t cluster;

@@ -7,9 +7,14 @@
 #include <math.h>
 #include <string.h>
 
-static inline float min_f(float a, float b) { return a < b ? a : b; }
-static inline float max_f(float a, float b) { return a > b ? a : b; }
-static inline float clamp_f(float v, float low, float high) { return min_f(max_f(v, low), high); }
+/* Not-a-number in, not-a-number out: a limit must not turn it into the limit. The second comparison is between numbers. */
+static inline float min_f(float a, float b) { return a < b ? a : b <= a ? b : a + b; }
+static inline float max_f(float a, float b) { return a > b ? a : b >= a ? b : a + b; }
+/* In one comparison, for loops over lanes: what is no number comes out as b. For what is a number by its making, and for indices. */
+static inline float lower_f(float a, float b) { return a < b ? a : b; }
+static inline float higher_f(float a, float b) { return a > b ? a : b; }
+/* low..high, low for what is no number: safe to index with. */
+static inline float clamp_f(float v, float low, float high) { return lower_f(higher_f(v, low), high); }
 static inline float abs_f(float a) { return a < 0.0f ? -a : a; }
 /* 1 below zero, as a bit; 1 for -0 too. */
 static inline uint32_t sign_bit_f(float v) {

@@ -138,9 +138,9 @@ const cr_planes *cr_planes_alone(const cr_planes *p, cr_vec3 p_tool, float radiu
     }
     for (uint32_t k = 0; k < p->count; k++) {
         const float height = v3_dot(p->normal_tool[k], p_tool) + p->offset_m[k];
-        second = max_f(second, min_f(height, first));
+        second = higher_f(second, lower_f(height, first));
         best = height > first ? k : best;
-        first = max_f(height, first);
+        first = higher_f(height, first);
     }
     if (first - second <= p->spread * radius_m + apart_m) {
         return p;
@@ -163,7 +163,7 @@ static void measure_plane(const cr_planes *p, const struct cr_img_cluster *c, ui
         float height = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
         out->height_m[k][i] = height;
         higher |= (uint32_t)(height > out->top_m[i]) << i;
-        out->top_m[i] = max_f(height, out->top_m[i]);
+        out->top_m[i] = higher_f(height, out->top_m[i]);
     }
     for (uint32_t before = 0; before < k; before++) {
         out->highest[before] &= ~higher;

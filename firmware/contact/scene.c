@@ -1,10 +1,23 @@
-/* scene: opens an image once. Every offset, count, index and number that a tick will trust is checked here. */
+/* scene: opens an image once. Every offset, count, index and number that a tick will trust is checked here.
+ * Comparisons of numbers are written so that not-a-number fails them. */
 #include "contact/stages.h"
 
 #include <string.h>
 
-/* Largest length, area or second moment that an image may hold, in SI units. */
+/* Largest length, area or second moment that an image may hold, in SI units: so far from overflow that no sum or product in a tick
+ * gets there. */
 #define VALUE_MAX 1e4f
+/* Smallest length that something is divided by, m. */
+#define LENGTH_MIN 1e-6f
+#define UNIT_MIN 1e-12f
+#define PI_UP 3.1415928f
+/* What single precision and the bake's rounding up may differ by. */
+#define LOOSE 1.001f
+#define LOOSE_M 1e-8f
+#define LOOSE_M2 1e-12f
+/* Least ramp in spacings: SPEC.md has 0.05. */
+#define RAMP_MIN 0.0499f
+#define RAMP_MAX 16.0f
 
 static uint32_t crc32_of(const uint8_t *bytes, size_t count, uint32_t crc) {
     static const uint32_t nibble[16] = {0x00000000u, 0x1db71064u, 0x3b6e20c8u, 0x26d930acu, 0x76dc4190u, 0x6b6b51f4u,
@@ -26,14 +39,27 @@ uint32_t cr_image_crc(const uint8_t *image, uint32_t size_bytes) {
     return crc ^ 0xffffffffu;
 }
 
-/* Finite, and so far from overflow that no sum or product in a tick can get there. */
-static int floats_are_finite(const float *values, size_t count) {
+static int is_in(float value, float low, float high) { return value >= low && value <= high; }
+
+static int all_in(const float *values, size_t count, float low, float high) {
     for (size_t i = 0; i < count; i++) {
-        if (!(values[i] >= -VALUE_MAX && values[i] <= VALUE_MAX)) {
+        if (!is_in(values[i], low, high)) {
             return 0;
         }
     }
     return 1;
+}
+
+static int floats_are_finite(const float *values, size_t count) { return all_in(values, count, -VALUE_MAX, VALUE_MAX); }
+
+static int is_unit(const float normal[3]) {
+    const cr_vec3 n = v3_from(normal);
+    return is_in(v3_dot(n, n), 1.0f - 1e-5f, 1.0f + 1e-5f);
+}
+
+static int is_box(const float low_m[3], const float high_m[3]) {
+    return floats_are_finite(low_m, 3) && floats_are_finite(high_m, 3) && low_m[0] <= high_m[0] &&
+           low_m[1] <= high_m[1] && low_m[2] <= high_m[2];
 }
 
 /* Where section id lies; null unless it is in the table with this stride and inside the image. */
@@ -83,19 +109,42 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
     return CR_OK;
 }
 
+/* Numbers that fit each other: an image whose lengths are of different units is none. */
+static int lengths_agree(const struct cr_img_meta *m) {
+    const float brick = 8.0f * m->voxel_m, band = 32767.0f * m->quantum_m; /* no sample is beyond the band */
+    return is_in(m->brick_m, brick / LOOSE, brick * LOOSE) && is_in(m->band_m, band / LOOSE, band * LOOSE) &&
+           m->crease_m <= m->band_m && m->error_out_m <= m->band_m && m->error_in_m <= m->band_m &&
+           m->error_max_m <= m->band_m && m->error_rms_m <= m->band_m &&
+           is_in(m->ramp_max_m, RAMP_MIN * m->spacing_m, RAMP_MAX * m->spacing_m);
+}
+
 static cr_err check_meta(const struct cr_img_meta *m) {
-    if (!floats_are_finite(m->origin_m, 4) || !floats_are_finite(&m->voxel_m, 13) ||
-        !floats_are_finite(m->root_centre_m, 6)) {
-        return CR_ERR_VALUE;
+    const struct {
+        const float *values;
+        size_t count;
+        float low, high;
+    } ranges[] = {{m->origin_m, 3, -VALUE_MAX, VALUE_MAX},
+                  {&m->brick_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->voxel_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->band_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->crease_m, 1, 0.0f, VALUE_MAX},
+                  {&m->quantum_m, 1, LENGTH_MIN / 32768.0f, VALUE_MAX},
+                  {&m->error_out_m, 4, 0.0f, VALUE_MAX},
+                  {&m->crease_angle_rad, 1, 0.0f, PI_UP},
+                  {&m->spacing_m, 1, LENGTH_MIN, VALUE_MAX},
+                  {&m->tool_radius_m, 1, 0.0f, VALUE_MAX},
+                  {m->root_centre_m, 3, -VALUE_MAX, VALUE_MAX},
+                  {&m->root_radius_m, 1, 0.0f, VALUE_MAX},
+                  {&m->shell_area_m2, 1, 0.0f, VALUE_MAX * VALUE_MAX},
+                  {&m->ramp_max_m, 1, 0.0f, VALUE_MAX},
+                  {&m->static_unit_m, 2, UNIT_MIN, VALUE_MAX}};
+    for (size_t i = 0; i < sizeof ranges / sizeof *ranges; i++) {
+        if (!all_in(ranges[i].values, ranges[i].count, ranges[i].low, ranges[i].high)) {
+            return CR_ERR_VALUE;
+        }
     }
-    if (!(m->brick_m > 1e-6f) || !(m->brick_m < 1e4f) || !(m->band_m > 0.0f) || !(m->quantum_m > 0.0f) ||
-        !(m->error_out_m >= 0.0f) || !(m->error_in_m >= 0.0f) || !(m->crease_m >= 0.0f) ||
-        !(m->root_radius_m >= 0.0f) || !(m->tool_radius_m >= 0.0f) || !(m->ramp_max_m >= 0.0f) || m->levels < 1u ||
-        m->levels > CR_TREE_DEPTH_MAX) {
-        return CR_ERR_VALUE;
-    }
-    /* Samples span the band: no distance is beyond it. */
-    if (abs_f(m->quantum_m * 32767.0f - m->band_m) > 1e-3f * m->band_m) {
+    if (!lengths_agree(m) || !is_box(m->static_min_m, m->static_max_m) || !is_box(m->tool_min_m, m->tool_max_m) ||
+        m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX) {
         return CR_ERR_VALUE;
     }
     return CR_OK;
@@ -105,99 +154,202 @@ static int is_of_planes(const struct cr_img_kind *k) {
     return k->count > 0u && (k->kind == CR_KIND_PLANAR || k->kind == CR_KIND_CONVEX || k->kind == CR_KIND_CONCAVE);
 }
 
-static cr_err check_voxmap(const cr_scene *s) {
-    uint32_t tops = s->meta->dims[0] * s->meta->dims[1] * s->meta->dims[2];
+static cr_err check_top(const cr_scene *s) {
+    const struct cr_img_meta *m = s->meta;
+    const uint32_t tops = m->dims[0] * m->dims[1] * m->dims[2];
+    /* The surface is within the grid: nothing is further off than along its three sides. */
+    const float far_m = m->brick_m * (float)(m->dims[0] + m->dims[1] + m->dims[2]) + m->band_m;
     for (uint32_t i = 0; i < tops; i++) {
-        if (!(s->top[i] & CR_TOP_FAR) && s->top[i] >= s->brick_count) {
-            return CR_ERR_INDEX;
-        }
-    }
-    for (uint32_t i = 0; i < s->brick_count; i++) {
-        const struct cr_img_brick *b = &s->bricks[i];
-        uint32_t cells = b->side;
-        if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u) {
+        const uint32_t entry = s->top[i];
+        if (!(entry & CR_TOP_FAR)) {
+            if (entry >= s->brick_count) {
+                return CR_ERR_INDEX;
+            }
+        } else if (!(m->quantum_m * (float)(int32_t)(entry & CR_TOP_BOUND) <= far_m)) {
             return CR_ERR_VALUE;
         }
-        uint32_t side = cells + 1u;
-        uint32_t need = side * side * side;
-        if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count ||
-            b->planes >= s->kind_count) {
-            return CR_ERR_INDEX;
-        }
-        if (b->planes != 0u && !(is_of_planes(&s->kinds[b->planes]) && is_of_planes(&s->kinds[b->kind]))) {
-            return CR_ERR_VALUE;
-        }
-        uint32_t table = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
-        if (b->cells != CR_CELLS_NONE && (b->cells > s->cell_count || table > s->cell_count - b->cells)) {
-            return CR_ERR_INDEX;
-        }
     }
-    for (uint32_t i = 0; i < s->cell_count; i++) {
-        if (s->cells[i] >= s->kind_count) {
+    return CR_OK;
+}
+
+static cr_err check_brick(const cr_scene *s, const struct cr_img_brick *b) {
+    const uint32_t cells = b->side, side = cells + 1u, need = side * side * side;
+    const uint32_t table = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
+    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u) {
+        return CR_ERR_VALUE;
+    }
+    if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count ||
+        b->planes >= s->kind_count) {
+        return CR_ERR_INDEX;
+    }
+    if (b->planes != 0u && !(is_of_planes(&s->kinds[b->planes]) && is_of_planes(&s->kinds[b->kind]))) {
+        return CR_ERR_VALUE;
+    }
+    if (b->cells != CR_CELLS_NONE && (b->cells > s->cell_count || table > s->cell_count - b->cells)) {
+        return CR_ERR_INDEX;
+    }
+    return CR_OK;
+}
+
+static cr_err check_voxmap(const cr_scene *s) {
+    cr_err err = check_top(s);
+    for (uint32_t i = 0; i < s->brick_count && err == CR_OK; i++) {
+        err = check_brick(s, &s->bricks[i]);
+    }
+    for (uint32_t i = 0; i < s->sample_count && err == CR_OK; i++) {
+        err = s->samples[i] < -32767 ? CR_ERR_VALUE : CR_OK; /* beyond the band */
+    }
+    for (uint32_t i = 0; i < s->cell_count && err == CR_OK; i++) {
+        err = s->cells[i] >= s->kind_count ? CR_ERR_INDEX : CR_OK;
+    }
+    return err;
+}
+
+static cr_err check_kind(const cr_scene *s, uint32_t index) {
+    const struct cr_img_kind *k = &s->kinds[index];
+    static const uint8_t least[] = {0u, 1u, 1u, 2u, 2u, 1u};
+    static const uint8_t most[] = {0u, 1u, 1u, CR_KIND_FACETS_MAX, CR_KIND_FACETS_MAX, CR_KIND_FACETS_MAX};
+    if (k->kind > CR_KIND_MIXED || k->count < least[k->kind] || k->count > most[k->kind] ||
+        (index == 0u && k->kind != CR_KIND_EMPTY)) {
+        return CR_ERR_VALUE;
+    }
+    for (uint32_t j = 0; j < k->count; j++) {
+        if (k->facet[j] >= s->facet_count) {
             return CR_ERR_INDEX;
         }
     }
     return CR_OK;
+}
+
+static cr_err check_facet(const cr_scene *s, uint32_t index) {
+    const struct cr_img_facet *f = &s->facets[index];
+    if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > 1u) {
+        return CR_ERR_VALUE;
+    }
+    return f->patch >= s->meta->patch_count ? CR_ERR_INDEX : CR_OK;
+}
+
+static cr_err check_pair(const cr_scene *s, uint32_t index) {
+    const struct cr_img_pair *p = &s->pairs[index];
+    if (p->first >= p->second || p->second >= s->meta->patch_count) {
+        return CR_ERR_INDEX;
+    }
+    if (index > 0u && (p[-1].first > p->first || (p[-1].first == p->first && p[-1].second >= p->second))) {
+        return CR_ERR_INDEX;
+    }
+    return p->label < CR_PAIR_CONVEX || p->label > (CR_PAIR_CONVEX | CR_PAIR_CONCAVE) ? CR_ERR_VALUE : CR_OK;
+}
+
+static cr_err check_edge(const cr_scene *s, uint32_t index) {
+    const struct cr_img_edge *e = &s->edges[index];
+    if (!floats_are_finite(e->a_m, 3) || !floats_are_finite(e->b_m, 3) || !is_in(e->angle_rad, 0.0f, PI_UP) ||
+        (e->label != CR_PAIR_CONVEX && e->label != CR_PAIR_CONCAVE)) {
+        return CR_ERR_VALUE;
+    }
+    return e->patch[0] >= s->meta->patch_count || e->patch[1] >= s->meta->patch_count ? CR_ERR_INDEX : CR_OK;
 }
 
 static cr_err check_features(const cr_scene *s) {
-    for (uint32_t i = 0; i < s->kind_count; i++) {
-        const struct cr_img_kind *k = &s->kinds[i];
-        uint32_t least = k->kind == CR_KIND_EMPTY ? 0u : 1u;
-        if (k->kind > CR_KIND_MIXED || k->count > CR_KIND_FACETS_MAX || k->count < least ||
-            (i == 0u && k->kind != 0u)) {
-            return CR_ERR_VALUE;
-        }
-        for (uint32_t j = 0; j < k->count; j++) {
-            if (k->facet[j] >= s->facet_count) {
-                return CR_ERR_INDEX;
-            }
-        }
+    cr_err err = CR_OK;
+    for (uint32_t i = 0; i < s->kind_count && err == CR_OK; i++) {
+        err = check_kind(s, i);
     }
-    for (uint32_t i = 0; i < s->facet_count; i++) {
-        const struct cr_img_facet *f = &s->facets[i];
-        cr_vec3 n = v3_from(f->normal);
-        if (!floats_are_finite(f->normal, 4) || abs_f(v3_dot(n, n) - 1.0f) > 1e-5f) {
-            return CR_ERR_VALUE;
-        }
-        if (f->patch >= s->meta->patch_count) {
+    for (uint32_t i = 0; i < s->facet_count && err == CR_OK; i++) {
+        err = check_facet(s, i);
+    }
+    for (uint32_t i = 0; i < s->pair_count && err == CR_OK; i++) {
+        err = check_pair(s, i);
+    }
+    for (uint32_t i = 0; i < s->edge_count && err == CR_OK; i++) {
+        err = check_edge(s, i);
+    }
+    return err;
+}
+
+/* The next child that a tree written in order names. */
+typedef struct {
+    uint32_t group, cluster;
+} reached;
+
+/* Children are numbered in the order of their parents: when all are there, each group and each cluster has one parent, before it. The
+ * traversal stack cannot overflow, and no cluster is visited twice. */
+static cr_err check_children(const cr_scene *s, uint32_t index, reached *next) {
+    const struct cr_img_group *g = &s->groups[index];
+    for (uint32_t i = 0; i < g->count; i++) {
+        const uint32_t child = g->child[i], first = g->leaf != 0u ? next->cluster : next->group;
+        const uint32_t count = g->leaf != 0u ? s->cluster_count : s->group_count;
+        if (child != first || child >= count) {
             return CR_ERR_INDEX;
         }
-    }
-    for (uint32_t i = 0; i < s->pair_count; i++) {
-        const struct cr_img_pair *p = &s->pairs[i];
-        if (p->first >= p->second || p->second >= s->meta->patch_count) {
+        if (g->leaf != 0u) {
+            next->cluster++;
+        } else {
+            next->group++;
+        }
+        if (g->leaf == 0u && (child <= index || s->groups[child].level != g->level + 1u)) {
             return CR_ERR_INDEX;
         }
-        if (i > 0u && (p[-1].first > p->first || (p[-1].first == p->first && p[-1].second >= p->second))) {
+        if (g->first[i] != (g->leaf != 0u ? child : s->groups[child].first[0])) {
             return CR_ERR_INDEX;
-        }
-    }
-    for (uint32_t i = 0; i < s->edge_count; i++) {
-        if (!floats_are_finite(s->edges[i].a_m, 6)) {
-            return CR_ERR_VALUE;
         }
     }
     return CR_OK;
 }
 
-static cr_err check_group(const cr_scene *s, uint32_t index) {
+static cr_err check_group(const cr_scene *s, uint32_t index, reached *next) {
     const struct cr_img_group *g = &s->groups[index];
-    if (!floats_are_finite(g->x, (size_t)6u * CR_LANES)) {
+    const struct cr_img_meta *m = s->meta;
+    if (!floats_are_finite(g->x, (size_t)3u * CR_LANES) || !all_in(g->radius, CR_LANES, 0.0f, VALUE_MAX) ||
+        !all_in(g->margin, CR_LANES, 0.0f, LOOSE * m->ramp_max_m + LOOSE_M) ||
+        !all_in(g->rho, CR_LANES, 0.0f, LOOSE * m->tool_radius_m + LOOSE_M)) {
         return CR_ERR_VALUE;
     }
-    if (g->count < 1u || g->count > CR_LANES || g->level >= s->meta->levels || (index == 0u && g->level != 0u)) {
+    if (g->count < 1u || g->count > CR_LANES || g->leaf > 1u || g->level >= m->levels ||
+        (index == 0u && g->level != 0u)) {
         return CR_ERR_VALUE;
     }
-    for (uint32_t i = 0; i < g->count; i++) {
-        uint32_t child = g->child[i];
-        /* Children lie after their parent and one level down: no cycle, and the traversal stack cannot overflow. */
-        if (g->leaf ? child >= s->cluster_count
-                    : (child >= s->group_count || child <= index || s->groups[child].level != g->level + 1u)) {
-            return CR_ERR_INDEX;
+    return check_children(s, index, next);
+}
+
+static cr_err check_tree(const cr_scene *s) {
+    reached next = {1u, 0u};
+    cr_err err = CR_OK;
+    for (uint32_t i = 0; i < s->group_count && err == CR_OK; i++) {
+        err = check_group(s, i, &next);
+    }
+    return err == CR_OK && (next.group != s->group_count || next.cluster != s->cluster_count) ? CR_ERR_INDEX : err;
+}
+
+static uint32_t lanes_below(uint32_t count) { return count < CR_LANES ? (1u << count) - 1u : 0xffffu; }
+
+/* Does one lane have a ramp for its spacing, a second moment no wider than that, and the area of its vector? */
+static int lane_is_sound(const struct cr_img_meta *m, const struct cr_img_cluster *c, uint32_t i) {
+    const float ramp = c->ramp[i], most = LOOSE * 4.0f * ramp * ramp, area = c->area[i];
+    const cr_vec3 a = v3(c->ax[i], c->ay[i], c->az[i]);
+    const int used = i < c->count;
+    const uint32_t others = used ? lanes_below(c->count) & ~(1u << i) : 0u;
+    return is_in(ramp, RAMP_MIN * m->spacing_m, LOOSE * m->ramp_max_m + LOOSE_M) && is_in(c->wxx[i], 0.0f, most) &&
+           is_in(c->wyy[i], 0.0f, most) && is_in(c->wzz[i], 0.0f, most) && is_in(c->wxy[i], -most, most) &&
+           is_in(c->wyz[i], -most, most) && is_in(c->wzx[i], -most, most) && is_in(area, 0.0f, VALUE_MAX) &&
+           is_in(v3_norm(a), area / LOOSE - LOOSE_M2, area * LOOSE + LOOSE_M2) && is_in(c->bow[i], 0.0f, VALUE_MAX) &&
+           is_in(c->reach[i], 0.0f, used ? LOOSE * ramp : 0.0f) && (used || area <= 0.0f) &&
+           (c->beside[i] & ~others) == 0u;
+}
+
+static int cluster_is_sound(const cr_scene *s, uint32_t index) {
+    const struct cr_img_cluster *c = &s->clusters[index];
+    const cr_vec3 n = v3_from(c->normal);
+    if (c->count < 1u || c->count > CR_LANES || !floats_are_finite(c->x, (size_t)6u * CR_LANES) ||
+        ((c->vertex_mask | c->crease_mask) & ~lanes_below(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
+        !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !is_in(c->radius_m, 0.0f, VALUE_MAX)) {
+        return 0;
+    }
+    for (uint32_t i = 0; i < CR_LANES; i++) {
+        if (!lane_is_sound(s->meta, c, i)) {
+            return 0;
         }
     }
-    return CR_OK;
+    return 1;
 }
 
 /* Are the full-coverage sums what the tick would add up? */
@@ -213,32 +365,44 @@ static int sums_match(const cr_scene *s, uint32_t cluster) {
            sum.py == stored->py && sum.pz == stored->pz && sum.area == stored->area && sum.peak == stored->peak;
 }
 
-static cr_err check_shell(const cr_scene *s) {
-    for (uint32_t i = 0; i < s->group_count; i++) {
-        cr_err err = check_group(s, i);
-        if (err != CR_OK) {
-            return err;
-        }
+/* The list of a cluster's neighbours: of bounded length, in order, of lanes that both have. */
+static cr_err check_neighbours(const cr_scene *s, uint32_t cluster) {
+    const uint32_t from = s->adj_start[cluster], end = s->adj_start[cluster + 1u];
+    if (from > end || end > s->adj_count || end - from > CR_IMG_BESIDE_MAX) {
+        return CR_ERR_INDEX;
     }
-    for (uint32_t i = 0; i < s->cluster_count; i++) {
-        const struct cr_img_cluster *c = &s->clusters[i];
-        if (!floats_are_finite(c->x, (size_t)16u * CR_LANES) || !floats_are_finite(c->normal, 4) ||
-            !floats_are_finite(&s->sums[i].ax, 7) || c->count < 1u || c->count > CR_LANES) {
-            return CR_ERR_VALUE;
-        }
-        if (!sums_match(s, i)) {
-            return CR_ERR_VALUE;
-        }
-        if (s->adj_start[i] > s->adj_start[i + 1u] || s->adj_start[i + 1u] > s->adj_count) {
+    for (uint32_t i = from; i < end; i++) {
+        const struct cr_img_neighbour *n = &s->adj[i];
+        if (n->cluster >= s->cluster_count || n->cluster == cluster) {
             return CR_ERR_INDEX;
         }
-    }
-    for (uint32_t i = 0; i < s->adj_count; i++) {
-        if (s->adj[i].cluster >= s->cluster_count) {
+        if (i > from && (n[-1].cluster > n->cluster || (n[-1].cluster == n->cluster && n[-1].mine >= n->mine))) {
             return CR_ERR_INDEX;
+        }
+        const uint32_t mine = n->mine, theirs = n->theirs;
+        if (mine == 0u || theirs == 0u || (mine & ~lanes_below(s->clusters[cluster].count)) != 0u ||
+            (theirs & ~lanes_below(s->clusters[n->cluster].count)) != 0u) {
+            return CR_ERR_VALUE;
         }
     }
     return CR_OK;
+}
+
+static cr_err check_shell(const cr_scene *s) {
+    uint64_t points = 0u;
+    cr_err err = check_tree(s);
+    for (uint32_t i = 0; i < s->cluster_count && err == CR_OK; i++) {
+        const int sound = cluster_is_sound(s, i) && floats_are_finite(&s->sums[i].ax, 7) && sums_match(s, i);
+        err = sound ? CR_OK : CR_ERR_VALUE;
+        points += s->clusters[i].count;
+    }
+    for (uint32_t i = 0; i < s->cluster_count && err == CR_OK; i++) {
+        err = check_neighbours(s, i);
+    }
+    if (err == CR_OK && (s->adj_start[0] != 0u || s->adj_start[s->cluster_count] != s->adj_count)) {
+        err = CR_ERR_INDEX;
+    }
+    return err == CR_OK && points != s->meta->point_count ? CR_ERR_VALUE : err;
 }
 
 cr_err cr_scene_open(cr_scene *scene, const void *image, size_t size_bytes) {

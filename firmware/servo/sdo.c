@@ -12,7 +12,7 @@ enum { DOWNLOAD = 0x23, DOWNLOADED = 0x60, UPLOAD = 0x40, ABORTED = 0x80 };
 #define UPLOADED_MASK 0xe2u
 #define SIZE_GIVEN 0x01u
 
-/* What is added to the value of a step; from ASK_FIRST on nothing is written, the drive is only asked. */
+/* What is added to the value of a step; from ASK_VENDOR on nothing is written, the drive is only asked. */
 enum {
     ADD_NONE,
     ADD_AXIS,
@@ -20,8 +20,7 @@ enum {
     ADD_CONSUMER,
     ADD_TORQUE_TIMEOUT,
     ADD_LIMIT,
-    ASK_FIRST,
-    ASK_VENDOR = ASK_FIRST,
+    ASK_VENDOR,
     ASK_PRODUCT,
     ASK_REVISION, /* the major half: the other changes nothing that a host can see (CiA 301) */
     ASK_RATED,
@@ -125,7 +124,7 @@ static uint32_t step_value(const cr_bus_config *config, const cr_bus *bus, const
 /* --------------------------------------------------------------------------------------------------- conversation */
 
 static int is_asked(const cr_bus *bus, const sdo_step *step) {
-    return bus->sdo_reading != 0u || step->add >= ASK_FIRST;
+    return bus->sdo_reading != 0u || step->add >= ASK_VENDOR;
 }
 
 static void note_object(cr_bus *bus, const sdo_step *step) { bus->sdo_object = (uint32_t)step->index << 8 | step->sub; }

@@ -33,8 +33,8 @@ def make_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and give its exit status."""
-    args = make_parser().parse_args(argv)
     try:
+        args = make_parser().parse_args(argv)
         args.run(args)
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -43,6 +43,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
-        print("error: interrupted; nothing was written", file=sys.stderr)
+        print("error: interrupted", file=sys.stderr)
         return 1
     return 0

@@ -124,13 +124,17 @@ static double edge_angle(const crb_mesh *m, int32_t t, int k, int *convex) {
 
 /* ---- facets and patches ------------------------------------------------------------------------------------------- */
 
-static const double *sort_area;
+typedef struct {
+    double area; /* beside the index: the comparison has no other way to it that threads would not share */
+    int32_t triangle;
+} flood_seed;
+
 static int by_area(const void *a, const void *b) {
-    int32_t i = *(const int32_t *)a, j = *(const int32_t *)b;
-    if (sort_area[i] != sort_area[j]) {
-        return sort_area[i] > sort_area[j] ? -1 : 1;
+    const flood_seed *p = a, *q = b;
+    if (p->area != q->area) {
+        return p->area > q->area ? -1 : 1;
     }
-    return i < j ? -1 : i > j;
+    return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
 }
 
 static int lies_in_plane(const crb_mesh *m, int32_t t, vec n, double offset, double tolerance) {
@@ -172,24 +176,25 @@ static int64_t flood(const crb_mesh *m, int32_t seed, int32_t label, int32_t *la
 
 static int find_facets(crb_mesh *m, double plane_tolerance) {
     int64_t n = m->triangle_count;
-    int32_t *queue = malloc((size_t)n * sizeof *queue), *seeds = malloc((size_t)n * sizeof *seeds);
+    int32_t *queue = malloc((size_t)n * sizeof *queue);
+    flood_seed *seeds = malloc((size_t)n * sizeof *seeds);
     if (queue == NULL || seeds == NULL) {
         free(queue);
         free(seeds);
         return 0;
     }
     for (int32_t t = 0; t < n; t++) {
-        seeds[t] = t;
+        seeds[t] = (flood_seed){m->area[t], t};
         m->facet_of[t] = m->patch_of[t] = -1;
     }
-    sort_area = m->area; /* features are built by one thread at a time: the caller holds the interpreter lock */
     qsort(seeds, (size_t)n, sizeof *seeds, by_area);
     for (int64_t i = 0; i < n; i++) {
-        if (m->facet_of[seeds[i]] < 0) {
-            flood(m, seeds[i], m->facet_count++, m->facet_of, queue, plane_tolerance, 0.0);
+        int32_t seed = seeds[i].triangle;
+        if (m->facet_of[seed] < 0) {
+            flood(m, seed, m->facet_count++, m->facet_of, queue, plane_tolerance, 0.0);
         }
-        if (m->patch_of[seeds[i]] < 0) {
-            flood(m, seeds[i], m->patch_count++, m->patch_of, queue, 0.0, m->crease_angle);
+        if (m->patch_of[seed] < 0) {
+            flood(m, seed, m->patch_count++, m->patch_of, queue, 0.0, m->crease_angle);
         }
     }
     free(queue);

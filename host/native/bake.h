@@ -1,5 +1,6 @@
 /* Geometry work of `crease bake` that is too heavy for Python: features, exact signed distance, brick marking.
- * Host code: doubles, heap and libm are fine here. Lengths in m. Arrays are C-contiguous and the caller's. */
+ * Host code: doubles, heap and libm are fine here. Lengths in m. Arrays are C-contiguous and the caller's.
+ * Python calls all of it without the interpreter's lock: nothing here is static, any number of threads may be in it. */
 #ifndef CREASE_BAKE_H
 #define CREASE_BAKE_H
 

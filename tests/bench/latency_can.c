@@ -71,7 +71,7 @@ int can_receive(can_port *port, uint64_t until_ns, cr_frame *frame) {
         struct pollfd wait = {port->fd, POLLIN, 0};
         const uint64_t left = until_ns - now;
         const struct timespec t = {(time_t)(left / SECOND_NS), (long)(left % SECOND_NS)};
-        if (ppoll(&wait, 1, &t, NULL) < 0) {
+        if (ppoll(&wait, 1, &t, NULL) < 0 && errno != EINTR) {
             return 0;
         }
     }

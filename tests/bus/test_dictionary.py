@@ -12,7 +12,7 @@ import cantools
 import pytest
 from crease.base.native import lib
 from crease.bus.dictionary import load
-from crease.bus.generate import committed
+from crease.bus.generate import committed, export
 from crease.bus.header import count_line
 from crease.bus.monitor import Decoder
 
@@ -23,6 +23,11 @@ AXES = ("x", "y", "z")
 def load_dbc(generated: Path) -> Any:
     """The DBC as cantools has it."""
     return cantools.database.load_file(generated / "crease.dbc")
+
+
+def test_exported_files_are_the_same_every_time(generated: Path, tmp_path: Path) -> None:
+    for path in export(tmp_path):
+        assert path.read_bytes() == (generated / path.name).read_bytes()
 
 
 def test_committed_files_are_what_the_dictionary_says() -> None:
@@ -97,7 +102,7 @@ def test_cantools_reads_sdo_frames_as_canopen_writes_them(generated: Path, node:
     database = load_dbc(generated)
     sent: list[tuple[int, bytes]] = []
 
-    class Recorder(canopen.Network):
+    class Recorder(canopen.Network):  # type: ignore[misc]
         def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
             sent.append((can_id, bytes(data)))
 

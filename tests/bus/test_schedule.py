@@ -91,7 +91,7 @@ def test_overloaded_bus_has_no_bound() -> None:
     assert not schedule.feasible(items)
 
 
-# ----------------------------------------------------------------------------------------- one period while torque flows
+# ---------------------------------------------------------------------------------------- one period while torque flows
 
 
 def last_state_us(beats: list[float], host_beat: bool = False) -> float:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
 import pytest
 import trimesh
 from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.shell import make_shell
+from crease.bake.surface import make_surface
+from crease.base.errors import MeshError
 from crease.base.scene import open_image
-from crease.mesh.mesh import make_mesh
+from crease.mesh.mesh import Mesh, make_mesh
 
 
 @pytest.mark.parametrize("tolerance_m", [1e-6, 1e-4, 1e-2])
@@ -19,3 +25,35 @@ def test_a_ball_bakes_at_any_tolerance(tolerance_m: float) -> None:
     result = bake_scene(static, cube, options)
     scene = open_image(result.image, "ball")
     assert 0.0 < scene.meta.error_max_m < max(1.5 * tolerance_m, 0.5e-3)
+
+
+def test_bakes_at_the_same_time_find_the_facets_of_one_alone() -> None:
+    # Many facets each, and different ones: a sort key that threads share would order one mesh by another's areas.
+    balls = [trimesh.creation.icosphere(subdivisions=s, radius=20.0) for s in (5, 5, 4)]
+    for number, ball in enumerate(balls):
+        ball.vertices *= 1.0 + 0.2 * np.sin(np.arange(len(ball.vertices)) + number)[:, None]
+    meshes = [
+        make_mesh(b.vertices, b.faces, 1e-3, source="b", digest_sha256="0" * 64) for b in balls
+    ]
+
+    def facets(mesh: Mesh) -> bytes:
+        surface = make_surface(mesh, 20.0)
+        return surface.facet_of.tobytes() + surface.patch_of.tobytes()
+
+    alone = [facets(mesh) for mesh in meshes]
+    with ThreadPoolExecutor(max_workers=6) as threads:
+        together = list(threads.map(facets, meshes * 10))
+    differing = sum(found != alone[i % 3] for i, found in enumerate(together))
+    assert differing == 0, f"{differing} of {len(together)} calls"
+
+
+def test_a_tool_with_more_detail_than_a_tick_can_work_off_is_refused() -> None:
+    # A hundred cubes of 0.1 mm in a heap as wide as one sample: every sample is beside every other.
+    grid = np.stack(np.meshgrid(*(np.arange(n) for n in (5, 5, 4))), axis=-1).reshape(-1, 3)
+    cubes = [trimesh.creation.box(extents=(0.1, 0.1, 0.1)) for _ in grid]
+    for cube, place in zip(cubes, grid, strict=True):
+        cube.apply_translation(0.2 * place)
+    heap = trimesh.util.concatenate(cubes)
+    mesh = make_mesh(heap.vertices, heap.faces, 1e-3, source="heap", digest_sha256="0" * 64)
+    with pytest.raises(MeshError, match="at most 512: the tool has creases much closer"):
+        make_shell(make_surface(mesh, 30.0), spacing_m=2e-3)

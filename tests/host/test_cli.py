@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import trimesh
 from crease import __version__
 from crease.base.native import lib
 from crease.base.progress import Progress
+from crease.verbs import info
 from host_tools import Run, Said
 
 
@@ -248,7 +250,10 @@ def test_force_limit_is_warned_of(
 ) -> None:
     said = crease("replay", scene_crs, press_csv, "-o", folder / "lim.csv", "--stiffness", "1e6")
     assert said.status == 0
-    assert re.search(r"warning: \d+ of 400 ticks reached a limit", said.err)
+    assert re.search(
+        r"warning: \d+ of 400 ticks reached the limit of the force, 100 N$", said.err, re.MULTILINE
+    )
+    assert "left out" not in said.err
 
 
 def test_late_answers_are_warned_of(
@@ -302,3 +307,63 @@ def test_progress_is_silent_in_a_pipe(
         now[0] = 5.0
         progress("work", 0.5)
     assert capsys.readouterr().err == ""
+
+
+def test_replace_never_touches_an_input(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    path = folder / "own_input.csv"
+    path.write_bytes(press_csv.read_bytes())
+    link = folder / "own_input_link.csv"
+    link.symlink_to(path)
+    for target in (path, link):
+        said = crease("replay", scene_crs, path, "-o", target, "--force")
+        assert_error(said, f"{target}: is an input")
+    assert path.read_bytes() == press_csv.read_bytes()
+
+
+@pytest.mark.parametrize("verb", ["bake", "replay", "plot", "view", "hil"])
+def test_missing_input_is_told_before_an_output_that_exists(
+    folder: Path, scene_crs: Path, block_stl: Path, press_csv: Path, crease: Run, verb: str
+) -> None:
+    gone = folder / "gone"
+    words, suffix = {
+        "bake": ((gone, block_stl, "--unit", "mm"), ".crs"),
+        "replay": ((gone, press_csv), ".csv"),
+        "plot": ((gone,), ".png"),
+        "view": ((press_csv, "--scene", gone), ".html"),
+        "hil": ((gone, "--operator", press_csv), ".crr"),
+    }[verb]
+    there = folder / f"there_{verb}{suffix}"
+    there.write_bytes(b"x")
+    assert_error(crease(verb, *words, "-o", there), f"{gone}: there is no such file")
+
+
+def test_mend_is_told_once(folder: Path, scene_crs: Path, crease: Run) -> None:
+    image = bytearray(scene_crs.read_bytes())
+    image[8] += 1
+    old = folder / "old.crs"
+    old.write_bytes(bytes(image))
+    said = crease("info", old)
+    assert_error(said, "old.crs", "another format version")
+    assert said.err.count("bake it again") == 1
+
+
+def test_interrupt_is_one_line(crease: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(_args: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(info, "run", interrupted)
+    said = crease("info", "any.crs")
+    assert (said.status, said.err) == (1, "error: interrupted\n")
+
+
+def test_interrupt_while_modules_load_is_one_line() -> None:
+    command = Path(sys.executable).parent / "crease"
+    child = subprocess.Popen([command, "--version"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    maps = Path(f"/proc/{child.pid}/maps")
+    while child.poll() is None and "numpy" not in maps.read_text():
+        pass
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=30)
+    assert (child.returncode, out, err) == (1, b"", b"error: interrupted\n")

@@ -111,14 +111,29 @@ def test_replay_refuses_a_recording_of_another_scene(
     assert "another scene" in said.err
 
 
-def test_replay_refuses_a_recording_that_is_cut_or_of_another_version(
+def test_replay_reads_a_recording_that_is_cut_up_to_its_last_whole_record(
+    folder: Path, scene_crs: Path, run_crr: Path, crease: Run
+) -> None:
+    data, whole = run_crr.read_bytes(), len(rec.load_recording(run_crr))
+    path = folder / "cut.crr"
+    path.write_bytes(data[:-100])
+    assert len(rec.load_recording(path)) == whole - 1
+    said = crease("replay", scene_crs, path, "-o", folder / "cut.csv", "--json")
+    assert said.status == 0
+    assert said.json["ticks"] == whole - 1
+    assert said.json["ticks_different"] == 0
+    left = rec.RECORD.itemsize - 100
+    assert f"last whole one; {left} bytes after it are left out" in said.err
+
+
+def test_replay_refuses_a_recording_without_a_record_or_of_another_version(
     folder: Path, scene_crs: Path, run_crr: Path, crease: Run
 ) -> None:
     data = run_crr.read_bytes()
     version = bytearray(data)
     version[8] = 9
     for name, content, why in (
-        ("cut", data[:-100], "cut short"),
+        ("none", data[: int(lib.CR_RECORDS_AT) + 100], "no whole record"),
         ("head", data[:500], "less than its head"),
         ("version", bytes(version), "record it again"),
     ):
@@ -136,7 +151,7 @@ def test_replay_refuses_a_recording_that_is_cut_or_of_another_version(
         ("silent:tick=1600,ticks=50,axis=Y", "silent"),
         ("encoder_jump:tick=1600,axis=X,value=400", "jump"),
         ("drive_reset:tick=1600,axis=Z", "reset"),
-        ("drive_error:tick=1600,axis=X,value=0x2310", "emcy"),
+        ("drive_error:tick=1600,axis=X,value=0x2310", "drive"),  # its EMCY comes below the states
         ("babble:tick=1600,axis=Y,id=0x692,value=20", "babble"),
     ],
 )

@@ -8,8 +8,9 @@ from typing import BinaryIO
 
 import numpy as np
 import pytest
+from crease.base import table
 from crease.base.errors import CreaseError, TableError
-from crease.base.table import check_target, read_table, write_atomic, write_table
+from crease.base.table import check_target, load_npz, read_table, write_atomic, write_table
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -91,3 +92,18 @@ def test_missing_column_is_named(tmp_path: Path) -> None:
     path.write_text("a,b\n1,2\n")
     with pytest.raises(TableError, match="no column c"):
         read_table(path, ("a", "c"))
+
+
+def test_npz_that_unpacks_to_more_than_the_limit_is_refused_unread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "bomb.npz"
+    np.savez_compressed(path, t_s=np.zeros(1_000_000))
+    assert path.stat().st_size < 20_000
+    assert len(load_npz(path)["t_s"]) == 1_000_000
+    monkeypatch.setattr(table, "NPZ_BYTES_MAX", 1_000_000)
+    monkeypatch.setattr(np, "load", None)
+    with pytest.raises(
+        TableError, match=r"bomb\.npz: unpacks to 0\.008 GB, more than the 0\.001 GB"
+    ):
+        load_npz(path)

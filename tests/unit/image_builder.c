@@ -235,8 +235,10 @@ static void fill_features(const crt_solid *s, parts *p) {
     p->count[CR_SEC_PAIRS] = pairs;
     for (int i = 0; i < s->sides; i++) {
         float x = (float)s->corner_m[i][0], z = (float)s->corner_m[i][1], y = (float)s->half_y_m;
-        edge[i] =
-            (struct cr_img_edge){{x, -y, z}, {x, y, z}, {(uint32_t)i, (uint32_t)((i + 1) % s->sides)}, label, 0.0f};
+        const uint32_t next = (uint32_t)((i + 1) % s->sides);
+        const float *a = facet[i].normal, *b = facet[next].normal;
+        const float angle_rad = acosf(fmaxf(-1.0f, fminf(1.0f, a[0] * b[0] + a[1] * b[1] + a[2] * b[2])));
+        edge[i] = (struct cr_img_edge){{x, -y, z}, {x, y, z}, {(uint32_t)i, next}, label, angle_rad};
     }
 }
 
@@ -261,6 +263,7 @@ static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double 
     m->error_out_m = m->error_in_m = (float)error;
     m->error_max_m = m->error_rms_m = (float)error;
     m->crease_angle_rad = 0.5236f;
+    m->static_unit_m = m->tool_unit_m = 1.0f;
     m->patch_count = (uint32_t)crt_facets(s);
     m->piece_count = 1u;
 }

@@ -1,6 +1,7 @@
 /* Small images for tests that try every bit, and for the fuzzer: see image_builder.h. */
 #include "image_builder.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -184,9 +185,10 @@ static crt_sample sample_at(double x, double y, double nx, double ny) {
     memset(&s, 0, sizeof s);
     s.pos_m[0] = x;
     s.pos_m[1] = y;
-    s.normal[0] = nx;
-    s.normal[1] = ny;
-    s.normal[2] = nx != 0.0 || ny != 0.0 ? -0.5 : -1.0;
+    const double nz = nx != 0.0 || ny != 0.0 ? -0.5 : -1.0, length = sqrt(nx * nx + ny * ny + nz * nz);
+    s.normal[0] = nx / length;
+    s.normal[1] = ny / length;
+    s.normal[2] = nz / length;
     s.area_m2 = 1e-3 * PLATE_SPACING_M * PLATE_SPACING_M;
     return s;
 }

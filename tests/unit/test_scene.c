@@ -64,6 +64,13 @@ static void scene_opens_a_valid_image(void **state) {
     assert_int_equal(s.adj_start[s.cluster_count], s.adj_count);
 }
 
+static void scene_takes_a_tool_as_large_as_a_hall(void **state) {
+    (void)state;
+    restore();
+    ((struct cr_img_meta *)crt_section(damaged, CR_SEC_META))->shell_area_m2 = 2e4f;
+    assert_int_equal(open_sealed(), CR_OK);
+}
+
 static void scene_takes_memory_longer_than_the_image(void **state) {
     (void)state;
     uint8_t *longer = aligned_alloc(CR_IMG_ALIGN, good_size + 64u);
@@ -203,12 +210,6 @@ static cr_err with_word(uint32_t id, size_t offset_bytes, uint32_t word) {
     return open_sealed();
 }
 
-static cr_err with_float(uint32_t id, size_t offset_bytes, float value) {
-    uint32_t word;
-    memcpy(&word, &value, sizeof word);
-    return with_word(id, offset_bytes, word);
-}
-
 /* An index of field `at` of the last record of section `id` that is just past its table. */
 #define PAST(id, type, at, word)                                                                                       \
     with_word(id, (crt_row(good, id)->count - 1u) * sizeof(type) + offsetof(type, at), (uint32_t)(word))
@@ -290,44 +291,184 @@ static void scene_refuses_counts_out_of_range(void **state) {
     assert_int_equal(with_word(CR_SEC_KINDS, 0, CR_KIND_PLANAR), CR_ERR_VALUE);
 }
 
-static void check_floats(uint32_t id, size_t first, size_t count) {
-    const float bad[] = {NAN, INFINITY, -INFINITY};
+/* What a number may be: any place; none below zero; a length that something is divided by; not more than a half turn. */
+typedef enum { PLACE, RADIUS, AREA, LENGTH, TURN } sort;
+
+static void refuse(uint32_t id, size_t offset_bytes, float value) {
+    uint32_t word;
+    memcpy(&word, &value, sizeof word);
+    if (id == CR_SEC_CLUSTERS) { /* with its sum, so that not only that is found wrong */
+        float one[CR_LANES];
+        for (int i = 0; i < CR_LANES; i++) {
+            one[i] = 1.0f;
+        }
+        restore();
+        struct cr_img_cluster *c = crt_section(damaged, id);
+        memcpy((uint8_t *)c + offset_bytes, &word, sizeof word);
+        cr_sum_cluster(c, one, crt_section(damaged, CR_SEC_SUMS));
+    } else {
+        restore();
+        memcpy((uint8_t *)crt_section(damaged, id) + offset_bytes, &word, sizeof word);
+    }
+    cr_err err = open_sealed();
+    if (err != CR_ERR_VALUE) {
+        fail_msg("section %u, byte %zu, %g: %d", id, offset_bytes, (double)value, err);
+    }
+}
+
+static void spoil(uint32_t id, size_t first, size_t count, sort of) {
     for (size_t i = 0; i < count; i++) {
-        for (size_t k = 0; k < 3; k++) {
-            assert_int_equal(with_float(id, first + 4u * i, bad[k]), CR_ERR_VALUE);
+        const size_t at = first + 4u * i;
+        const float never[] = {NAN, -NAN, INFINITY, -INFINITY, 1e30f, -1e30f, of == AREA ? 1.1e8f : 1.1e4f};
+        for (size_t k = 0; k < sizeof never / sizeof *never; k++) {
+            refuse(id, at, never[k]);
+        }
+        if (of != PLACE) {
+            refuse(id, at, -1e-3f);
+            refuse(id, at, -1e-40f);
+        }
+        if (of == LENGTH) {
+            refuse(id, at, 0.0f);
+            refuse(id, at, -0.0f);
+            refuse(id, at, 1e-40f);
+            refuse(id, at, 1e-20f);
+        }
+        if (of == TURN) {
+            refuse(id, at, 3.2f);
         }
     }
 }
 
-static void scene_refuses_every_number_that_is_not_finite(void **state) {
+#define META(field, count, of) spoil(CR_SEC_META, offsetof(struct cr_img_meta, field), count, of)
+#define CLUSTER(field, of) spoil(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, field), CR_LANES, of)
+#define GROUP(field, of) spoil(CR_SEC_GROUPS, offsetof(struct cr_img_group, field), CR_LANES, of)
+
+static void scene_refuses_every_number_of_meta_outside_its_range(void **state) {
     (void)state;
-    check_floats(CR_SEC_META, 0, 4);
-    check_floats(CR_SEC_META, offsetof(struct cr_img_meta, voxel_m),
-                 (offsetof(struct cr_img_meta, point_count) - offsetof(struct cr_img_meta, voxel_m)) / 4u);
-    check_floats(CR_SEC_FACETS, sizeof(struct cr_img_facet), 4);
-    check_floats(CR_SEC_EDGES, 0, 6);
-    check_floats(CR_SEC_GROUPS, 0, 6u * CR_LANES);
-    check_floats(CR_SEC_CLUSTERS, 0, offsetof(struct cr_img_cluster, count) / 4u);
-    check_floats(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, normal), 4);
-    check_floats(CR_SEC_SUMS, 0, 7);
+    META(origin_m, 3, PLACE);
+    META(brick_m, 1, LENGTH);
+    META(voxel_m, 1, LENGTH);
+    META(band_m, 1, LENGTH);
+    META(crease_m, 1, RADIUS);
+    META(quantum_m, 1, LENGTH);
+    META(error_out_m, 4, RADIUS);
+    META(crease_angle_rad, 1, TURN);
+    META(spacing_m, 1, LENGTH);
+    META(tool_radius_m, 1, RADIUS);
+    META(root_centre_m, 3, PLACE);
+    META(root_radius_m, 1, RADIUS);
+    META(shell_area_m2, 1, AREA);
+    META(ramp_max_m, 1, LENGTH);
+    META(static_unit_m, 1, LENGTH);
+    META(tool_unit_m, 1, LENGTH);
+    META(static_min_m, 12, PLACE);
 }
 
-static void scene_refuses_numbers_without_meaning(void **state) {
+static void scene_refuses_every_number_of_the_surface_outside_its_range(void **state) {
+    (void)state;
+    spoil(CR_SEC_FACETS, sizeof(struct cr_img_facet), 4, PLACE);
+    spoil(CR_SEC_EDGES, 0, 6, PLACE);
+    spoil(CR_SEC_EDGES, offsetof(struct cr_img_edge, angle_rad), 1, TURN);
+}
+
+static void scene_refuses_every_number_of_the_tool_outside_its_range(void **state) {
+    (void)state;
+    CLUSTER(x, PLACE);
+    CLUSTER(y, PLACE);
+    CLUSTER(z, PLACE);
+    CLUSTER(ax, PLACE);
+    CLUSTER(ay, PLACE);
+    CLUSTER(az, PLACE);
+    CLUSTER(area, RADIUS);
+    CLUSTER(wxx, RADIUS);
+    CLUSTER(wyy, RADIUS);
+    CLUSTER(wzz, RADIUS);
+    CLUSTER(wxy, PLACE);
+    CLUSTER(wyz, PLACE);
+    CLUSTER(wzx, PLACE);
+    CLUSTER(ramp, LENGTH);
+    CLUSTER(reach, RADIUS);
+    CLUSTER(bow, RADIUS);
+    spoil(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, normal), 3, PLACE);
+    spoil(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, radius_m), 1, RADIUS);
+    spoil(CR_SEC_SUMS, 0, 8, PLACE);
+    GROUP(x, PLACE);
+    GROUP(y, PLACE);
+    GROUP(z, PLACE);
+    GROUP(radius, RADIUS);
+    GROUP(margin, RADIUS);
+    GROUP(rho, RADIUS);
+}
+
+/* Each is a number by itself, and none of an image whose other numbers are these. */
+static void scene_refuses_numbers_that_do_not_fit_the_others(void **state) {
     (void)state;
     const struct {
         size_t at;
         float value;
-    } bad[] = {
-        {offsetof(struct cr_img_meta, brick_m), 0.0f},        {offsetof(struct cr_img_meta, brick_m), 1e5f},
-        {offsetof(struct cr_img_meta, band_m), 0.0f},         {offsetof(struct cr_img_meta, quantum_m), -1.0f},
-        {offsetof(struct cr_img_meta, band_m), 1e3f},         {offsetof(struct cr_img_meta, quantum_m), 1e4f},
-        {offsetof(struct cr_img_meta, error_out_m), -1e-6f},  {offsetof(struct cr_img_meta, error_in_m), -1e-6f},
-        {offsetof(struct cr_img_meta, root_radius_m), -1.0f}, {offsetof(struct cr_img_meta, ramp_max_m), -1.0f},
-        {offsetof(struct cr_img_meta, crease_m), -1.0f},      {offsetof(struct cr_img_meta, tool_radius_m), -1.0f}};
+    } bad[] = {{offsetof(struct cr_img_meta, brick_m), 1.0f},        {offsetof(struct cr_img_meta, voxel_m), 1.0f},
+               {offsetof(struct cr_img_meta, band_m), 1.0f},         {offsetof(struct cr_img_meta, quantum_m), 1.0f},
+               {offsetof(struct cr_img_meta, crease_m), 1.0f},       {offsetof(struct cr_img_meta, error_out_m), 1.0f},
+               {offsetof(struct cr_img_meta, error_in_m), 1.0f},     {offsetof(struct cr_img_meta, error_max_m), 1.0f},
+               {offsetof(struct cr_img_meta, spacing_m), 1.0f},      {offsetof(struct cr_img_meta, spacing_m), 1e-5f},
+               {offsetof(struct cr_img_meta, ramp_max_m), 1.0f},     {offsetof(struct cr_img_meta, ramp_max_m), 1e-5f},
+               {offsetof(struct cr_img_meta, tool_radius_m), 1e-3f}, {offsetof(struct cr_img_meta, static_min_m), 1.0f},
+               {offsetof(struct cr_img_meta, tool_max_m), -1.0f}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
-        assert_int_equal(with_float(CR_SEC_META, bad[i].at, bad[i].value), CR_ERR_VALUE);
+        refuse(CR_SEC_META, bad[i].at, bad[i].value);
     }
-    assert_int_equal(with_float(CR_SEC_FACETS, 0, 3.0f), CR_ERR_VALUE);
+    refuse(CR_SEC_FACETS, 0, 3.0f);
+    refuse(CR_SEC_GROUPS, offsetof(struct cr_img_group, margin), 1.0f);
+    refuse(CR_SEC_GROUPS, offsetof(struct cr_img_group, rho), 1.0f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, area), 1.0f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, ramp), 1.0f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, ramp), 1e-5f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, wxx), 1.0f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, wxy), -1.0f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, reach), 1.0f);
+    refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, normal), 2.0f);
+}
+
+static void scene_refuses_words_without_meaning(void **state) {
+    (void)state;
+    const uint32_t band = 1u << 29;
+    const struct {
+        uint32_t id;
+        size_t at;
+        uint32_t word;
+    } bad[] = {{CR_SEC_TOP, 0, CR_TOP_FAR | band},
+               {CR_SEC_SAMPLES, 0, 0x8000u},
+               {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), 2u},
+               {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 0u},
+               {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 4u},
+               {CR_SEC_EDGES, offsetof(struct cr_img_edge, label), 3u},
+               {CR_SEC_GROUPS, offsetof(struct cr_img_group, leaf), 2u},
+               {CR_SEC_META, offsetof(struct cr_img_meta, point_count), 1u},
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, vertex_mask), 1u << 16},
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, crease_mask), 1u << 31},
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, beside), 1u}, /* beside itself */
+               {CR_SEC_ADJ, offsetof(struct cr_img_neighbour, mine), 1u},      /* theirs: none */
+               {CR_SEC_ADJ, offsetof(struct cr_img_neighbour, mine), 1u << 16}};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        if (with_word(bad[i].id, bad[i].at, bad[i].word) != CR_ERR_VALUE) {
+            fail_msg("row %zu", i);
+        }
+    }
+    assert_int_equal(with_word(CR_SEC_EDGES, offsetof(struct cr_img_edge, patch), 6u), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_ADJ_START, 0, 1u), CR_ERR_INDEX);
+}
+
+static void scene_refuses_neighbours_out_of_order(void **state) {
+    (void)state;
+    restore();
+    struct cr_img_neighbour *n = crt_section(damaged, CR_SEC_ADJ), first = n[0];
+    n[1] = first;
+    assert_int_equal(open_sealed(), CR_ERR_INDEX);
+    restore();
+    n[0] = n[1];
+    n[1] = first;
+    assert_int_equal(open_sealed(), CR_ERR_INDEX);
+    assert_int_equal(with_word(CR_SEC_ADJ, 0, 0u), CR_ERR_INDEX); /* of cluster 0: its own */
 }
 
 static void scene_error_texts_are_all_there(void **state) {
@@ -341,6 +482,7 @@ static void scene_error_texts_are_all_there(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(scene_opens_a_valid_image),
+        cmocka_unit_test(scene_takes_a_tool_as_large_as_a_hall),
         cmocka_unit_test(scene_takes_memory_longer_than_the_image),
         cmocka_unit_test(scene_refuses_null),
         cmocka_unit_test(scene_refuses_an_unaligned_image),
@@ -358,8 +500,12 @@ int main(void) {
         cmocka_unit_test(scene_refuses_groups_in_a_cycle),
         cmocka_unit_test(scene_refuses_a_tree_deeper_than_the_stack),
         cmocka_unit_test(scene_refuses_counts_out_of_range),
-        cmocka_unit_test(scene_refuses_every_number_that_is_not_finite),
-        cmocka_unit_test(scene_refuses_numbers_without_meaning),
+        cmocka_unit_test(scene_refuses_every_number_of_meta_outside_its_range),
+        cmocka_unit_test(scene_refuses_every_number_of_the_surface_outside_its_range),
+        cmocka_unit_test(scene_refuses_every_number_of_the_tool_outside_its_range),
+        cmocka_unit_test(scene_refuses_numbers_that_do_not_fit_the_others),
+        cmocka_unit_test(scene_refuses_words_without_meaning),
+        cmocka_unit_test(scene_refuses_neighbours_out_of_order),
         cmocka_unit_test(scene_error_texts_are_all_there),
     };
     return cmocka_run_group_tests(tests, make_image, drop_image);

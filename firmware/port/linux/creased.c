@@ -1,14 +1,17 @@
-/* creased: the servo on a Linux machine with SocketCAN. One real-time loop; one thread for the file, the commands and the text.
+/* creased: the servo on a Linux machine with SocketCAN. One real-time loop; file, text and commands beside it (aside.h).
  *
+ * Signals      INT, TERM, HUP, QUIT: zero torque in the next period, drives off, end. PIPE, TSTP, TTIN, TTOU, XFSZ change nothing: a servo in
+ *              contact does not die of its terminal, nor stand still.
  * Exit status  0 stopped as asked; 1 the record could not be written; 2 wrong command line, configuration or scene; 3 the bus cannot
  *              be reached, or not all drives answered; 4 stopped in fault. */
 #define _GNU_SOURCE /* NOLINT: getopt_long */
+#include "aside.h"
 #include "can.h"
 #include "device.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <getopt.h>
-#include <poll.h>
 #include <pthread.h>
 #include <sched.h>
 #include <signal.h>
@@ -23,10 +26,7 @@
 enum { EXIT_DONE = 0, EXIT_RECORD = 1, EXIT_USAGE = 2, EXIT_BUS = 3, EXIT_FAULT = 4 };
 
 #define ALIGN 64u
-#define RING_RECORDS 8192u /* 8 s at 1 kHz: how long the disk may stall */
-#define CHUNK 256u
 #define STOP_TICKS 3 /* zero torque, then off: so many periods before the port closes */
-#define WRITER_SLEEP_MS 20
 
 typedef struct {
     const char *device_path, *scene_path, *record_path, *interface;
@@ -43,114 +43,34 @@ typedef struct {
     size_t image_bytes;
     cr_scene scene;
     cr_servo *servo;
-    cr_record_ring *ring;
-    FILE *record;
-    pthread_t writer;
-    atomic_uint commands; /* CR_COMMAND_* from the text side */
-    atomic_int done, quit, write_failed;
+    aside beside;
     uint64_t ticks, skipped, late_max_ns;
     uint32_t final_mode, final_faults, final_seen; /* for the last lines */
 } daemon_state;
 
-static volatile sig_atomic_t stop_asked;
+static atomic_int stop_asked;
 
 static void ask_stop(int number) {
     (void)number;
-    stop_asked = 1;
+    atomic_store(&stop_asked, 1);
 }
 
-/* ------------------------------------------------------------------------------------------------------ text side */
-
-static void print_bits(const char *what, uint32_t bits, const char *(*text)(uint32_t)) {
-    if (bits == 0u) {
-        return;
-    }
-    printf("%s", what);
-    for (uint32_t i = 0; i < 32u; i++) {
-        if ((bits >> i & 1u) != 0u) {
-            printf(" %s", text(1u << i));
+/* What was ignored from the start (nohup) stays so. */
+static void take_signals(void) {
+    static const int ends[] = {SIGINT, SIGTERM, SIGHUP, SIGQUIT},
+                     ignored[] = {SIGPIPE, SIGTSTP, SIGTTIN, SIGTTOU, SIGXFSZ};
+    struct sigaction action, before;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = ask_stop;
+    action.sa_flags = SA_RESTART;
+    for (size_t i = 0; i < sizeof ends / sizeof *ends; i++) {
+        if (sigaction(ends[i], NULL, &before) == 0 && before.sa_handler != SIG_IGN) {
+            sigaction(ends[i], &action, NULL);
         }
     }
-}
-
-/* A line whenever the mode changes, limited and rendering taken as one. */
-static void tell(const cr_record *r, uint32_t *last_mode, uint32_t *last_faults) {
-    uint32_t mode = r->mode == CR_MODE_LIMITED ? (uint32_t)CR_MODE_RENDERING : r->mode;
-    if (mode == *last_mode && r->faults == *last_faults) {
-        return;
-    }
-    printf("tick %u: %s", (unsigned)r->tick, cr_mode_text(mode));
-    print_bits(":", r->faults, cr_servo_fault_text);
-    printf("\n");
-    (void)fflush(stdout);
-    *last_mode = mode;
-    *last_faults = r->faults;
-}
-
-static void obey(daemon_state *d, char *line) {
-    line[strcspn(line, "\r\n")] = '\0';
-    if (strcmp(line, "start") == 0) {
-        atomic_fetch_or(&d->commands, CR_COMMAND_START);
-    } else if (strcmp(line, "stop") == 0) {
-        atomic_fetch_or(&d->commands, CR_COMMAND_STOP);
-    } else if (strcmp(line, "clear") == 0) {
-        atomic_fetch_or(&d->commands, CR_COMMAND_CLEAR);
-    } else if (strcmp(line, "quit") == 0) {
-        atomic_store(&d->quit, 1);
-    } else if (line[0] != '\0') {
-        fprintf(stderr, "'%s' is no command; start, stop, clear, quit\n", line);
-    }
-}
-
-/* Whole lines from standard input, without waiting longer than the writer sleeps. */
-static int listen_to_commands(daemon_state *d, char *line, size_t *used, size_t size) {
-    struct pollfd wait = {STDIN_FILENO, POLLIN, 0};
-    if (poll(&wait, 1, WRITER_SLEEP_MS) <= 0) {
-        return 1;
-    }
-    char c;
-    ssize_t got = read(STDIN_FILENO, &c, 1);
-    while (got == 1) {
-        if (c == '\n') {
-            line[*used] = '\0';
-            obey(d, line);
-            *used = 0u;
-        } else if (*used + 1u < size) {
-            line[(*used)++] = c;
-        }
-        if (poll(&wait, 1, 0) <= 0) {
-            return 1;
-        }
-        got = read(STDIN_FILENO, &c, 1);
-    }
-    return got > 0; /* the end of the input: no more commands, and no reason to stop */
-}
-
-static void *write_records(void *argument) {
-    daemon_state *d = argument;
-    static cr_record chunk[CHUNK];
-    char line[128];
-    size_t used = 0u;
-    uint32_t mode = CR_MODE_COUNT, faults = 0u;
-    int listening = 1;
-    for (;;) {
-        int done = atomic_load(&d->done);
-        uint32_t count = cr_record_pop(d->ring, chunk, CHUNK);
-        if (count > 0u && d->record != NULL && fwrite(chunk, sizeof *chunk, count, d->record) != count) {
-            atomic_store(&d->write_failed, 1);
-        }
-        for (uint32_t i = 0; i < count && !d->opt.quiet; i++) {
-            tell(&chunk[i], &mode, &faults);
-        }
-        if (done && count == 0u) {
-            return NULL;
-        }
-        if (listening) {
-            listening = listen_to_commands(d, line, &used, sizeof line);
-        } else if (count == 0u) {
-            const struct timespec t = {0, WRITER_SLEEP_MS * 1000000L};
-            nanosleep(&t, NULL);
-        }
+    action.sa_handler = SIG_IGN;
+    for (size_t i = 0; i < sizeof ignored / sizeof *ignored; i++) {
+        sigaction(ignored[i], &action, NULL);
     }
 }
 
@@ -159,9 +79,10 @@ static void *write_records(void *argument) {
 /* A timer coarser than this cannot carry the loop. */
 #define TIMER_STEP_MAX_NS 100000
 
-/* Lock all memory, take a real-time priority: each when allowed, and said when not. */
-static void become_real_time(const device_config *device) {
-    const struct sched_param priority = {.sched_priority = (int)device->priority};
+/* Lock all memory, take a real-time priority, the commands one below it: each when allowed, and said when not. */
+static void become_real_time(daemon_state *d) {
+    const int own = (int)d->device.priority;
+    const struct sched_param priority = {.sched_priority = own}, below = {.sched_priority = own > 1 ? own - 1 : 1};
     struct timespec step;
     if (clock_getres(CLOCK_MONOTONIC, &step) == 0 && (step.tv_sec > 0 || step.tv_nsec > TIMER_STEP_MAX_NS)) {
         fprintf(stderr, "warning: timers of this kernel step by %ld us; it needs high-resolution timers\n",
@@ -171,6 +92,7 @@ static void become_real_time(const device_config *device) {
         fprintf(stderr, "warning: memory is not locked: %s; a page fault can delay a tick\n", strerror(errno));
     }
     int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
+    error = error == 0 ? pthread_setschedparam(d->beside.threads[ASIDE_COMMANDS], SCHED_FIFO, &below) : error;
     if (error != 0) {
         fprintf(stderr, "warning: no real-time priority: %s; run with CAP_SYS_NICE or an rtprio limit\n",
                 strerror(error));
@@ -179,7 +101,8 @@ static void become_real_time(const device_config *device) {
 
 static void sleep_until(uint64_t ns) {
     const struct timespec t = {(time_t)(ns / 1000000000u), (long)(ns % 1000000000u)};
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR && !stop_asked) {
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) {
+        /* a signal: what it asks for is done in the period that begins on time */
     }
 }
 
@@ -205,7 +128,7 @@ static void collect(daemon_state *d, uint64_t until_ns) {
 }
 
 static void take_commands(daemon_state *d, uint32_t more) {
-    cr_servo_input(d->servo, atomic_exchange(&d->commands, 0u) | more);
+    cr_servo_input(d->servo, atomic_exchange(&d->beside.commands, 0u) | more);
 }
 
 /* One period that should begin at due_ns. */
@@ -215,7 +138,7 @@ static void run_period(daemon_state *d, uint64_t due_ns, uint64_t *last_ns, uint
     uint64_t sync_ns = can_now_ns();
     cr_servo_sync(d->servo, sync_ns, &tx);
     send_all(d, &tx);
-    collect(d, due_ns + (uint64_t)d->device.deadline_us * 1000u);
+    collect(d, sync_ns + (uint64_t)d->device.deadline_us * 1000u);
     take_commands(d, commands);
     uint64_t now_ns = can_now_ns();
     float period_s = d->ticks == 0u ? d->device.servo.period_s : (float)((double)(sync_ns - *last_ns) * 1e-9);
@@ -225,7 +148,7 @@ static void run_period(daemon_state *d, uint64_t due_ns, uint64_t *last_ns, uint
     uint64_t late_ns = sync_ns - due_ns, cost_ns = can_now_ns() - now_ns;
     record.wake_late_ns = late_ns < UINT32_MAX ? (uint32_t)late_ns : UINT32_MAX;
     record.tick_ns = cost_ns < UINT32_MAX ? (uint32_t)cost_ns : UINT32_MAX;
-    cr_record_push(d->ring, &record);
+    aside_take(&d->beside, &record);
     d->late_max_ns = late_ns > d->late_max_ns ? late_ns : d->late_max_ns;
     *last_ns = sync_ns;
     d->ticks++;
@@ -240,8 +163,8 @@ static void run_loop(daemon_state *d) {
     while (stopping < STOP_TICKS) {
         sleep_until(due_ns);
         uint32_t mode = cr_servo_get_status(d->servo).mode;
-        int stop =
-            stop_asked || atomic_load(&d->quit) || due_ns >= end_ns || (d->opt.exit_on_fault && mode == CR_MODE_FAULT);
+        int stop = atomic_load(&stop_asked) || atomic_load(&d->beside.quit) || due_ns >= end_ns ||
+                   (d->opt.exit_on_fault && mode == CR_MODE_FAULT);
         if (stop && stopping == 0) {
             d->final_mode = mode;
             d->final_faults = cr_servo_get_status(d->servo).faults;
@@ -295,6 +218,7 @@ static void help(void) {
         "  --exit-on-fault    stop at the first fault instead of waiting for the command clear\n"
         "  --quiet            no line when the mode changes\n\n"
         "start renders, stop ends it, clear leaves a fault and begins again, quit or Ctrl-C ends.\n"
+        "A watchdog ([loop] watchdog) and systemd (Type=notify, WatchdogSec=) are told that the loop runs.\n"
         "Exit status: 0 stopped as asked; 1 the record could not be written; 2 wrong command line, configuration\n"
         "or scene; 3 the bus cannot be reached, or not all drives answered; 4 stopped in fault.\n");
 }
@@ -397,28 +321,27 @@ static int load_scene(daemon_state *d) {
 }
 
 static int make_servo(daemon_state *d) {
-    size_t size = cr_servo_size(&d->scene, &d->device.servo), ring = cr_record_ring_size(RING_RECORDS);
-    void *memory = aligned_alloc(ALIGN, (size + ALIGN - 1u) / ALIGN * ALIGN), *records = aligned_alloc(ALIGN, ring);
-    cr_err err = memory == NULL || records == NULL
-                     ? CR_ERR_SIZE
-                     : cr_servo_init(&d->servo, memory, size, &d->scene, &d->device.servo);
-    err = err == CR_OK ? cr_record_ring_init(&d->ring, records, ring, RING_RECORDS) : err;
+    size_t size = cr_servo_size(&d->scene, &d->device.servo);
+    void *memory = aligned_alloc(ALIGN, (size + ALIGN - 1u) / ALIGN * ALIGN);
+    cr_err err = memory == NULL ? CR_ERR_SIZE : cr_servo_init(&d->servo, memory, size, &d->scene, &d->device.servo);
     return err == CR_OK ? 0 : complain(EXIT_USAGE, cr_err_text(err));
 }
 
 static int open_record(daemon_state *d) {
     static uint8_t head[CR_RECORDS_AT];
     char text[512];
+    d->beside.file = -1;
     if (d->opt.record_path == NULL) {
         return 0;
     }
-    d->record = fopen(d->opt.record_path, d->opt.force ? "wb" : "wbx");
-    if (d->record == NULL && errno == EEXIST) {
+    const int flags = O_WRONLY | O_CREAT | O_CLOEXEC | (d->opt.force ? O_TRUNC : O_EXCL);
+    d->beside.file = open(d->opt.record_path, flags, 0666);
+    if (d->beside.file < 0 && errno == EEXIST) {
         snprintf(text, sizeof text, "%s: is there already; --force replaces it", d->opt.record_path);
         return complain(EXIT_RECORD, text);
     }
     cr_record_head_write(&d->device.servo, d->image, d->image_bytes, head);
-    if (d->record == NULL || fwrite(head, sizeof head, 1, d->record) != 1) {
+    if (d->beside.file < 0 || write(d->beside.file, head, sizeof head) != (ssize_t)sizeof head) {
         snprintf(text, sizeof text, "%s: cannot be written: %s", d->opt.record_path, strerror(errno));
         return complain(EXIT_RECORD, text);
     }
@@ -443,29 +366,58 @@ static int set_up(daemon_state *d, int argc, char **argv) {
     if (can_open(&d->port, interface, d->device.bitrate, text) != 0) {
         return complain(EXIT_BUS, text);
     }
+    d->beside.quiet = d->opt.quiet;
+    if (keeper_open(&d->beside.keep, d->device.watchdog, text) != 0) {
+        return complain(EXIT_USAGE, text);
+    }
     return open_record(d);
 }
 
-static void say_end(const daemon_state *d) {
-    cr_servo_status s = cr_servo_get_status(d->servo);
-    printf("%llu ticks, %llu skipped, wake-up at most %.0f us late, %u overruns, %u frames lost, %u records lost\n",
-           (unsigned long long)d->ticks, (unsigned long long)d->skipped, (double)d->late_max_ns / 1e3,
-           (unsigned)s.counters.overruns, (unsigned)s.counters.rx_drops, (unsigned)cr_record_lost(d->ring));
-    if (d->final_mode == CR_MODE_FAULT) {
-        print_bits("stopped in fault:", d->final_faults, cr_servo_fault_text);
-        printf("\n");
-    }
-}
-
-static int say_missing(const daemon_state *d) {
-    fprintf(stderr, "error: no answer from drive");
-    for (uint32_t a = 0; a < CR_AXES; a++) {
-        if ((d->final_seen >> a & 1u) == 0u) {
-            fprintf(stderr, " %c (node 0x%02x)", (int)"XYZ"[a], 0x11u + (unsigned)a);
+static size_t add_faults(char *text, size_t at, uint32_t faults) {
+    for (uint32_t i = 0; i < 32u && at < ASIDE_TEXT_MAX; i++) {
+        if ((faults >> i & 1u) != 0u) {
+            at += (size_t)snprintf(text + at, ASIDE_TEXT_MAX - at, " %s", cr_servo_fault_text(1u << i));
         }
     }
-    fprintf(stderr, "; is it powered, and on this bus?\n");
-    return EXIT_BUS;
+    return at < ASIDE_TEXT_MAX ? at : ASIDE_TEXT_MAX - 1u;
+}
+
+/* The last lines, for the text side to say. */
+static void write_last(daemon_state *d) {
+    cr_servo_status s = cr_servo_get_status(d->servo);
+    char *text = d->beside.last, *error = d->beside.last_error;
+    size_t at = (size_t)snprintf(
+        text, ASIDE_TEXT_MAX,
+        "%llu ticks, %llu skipped, wake-up at most %.0f us late, %u overruns, %u frames lost, %u records lost\n",
+        (unsigned long long)d->ticks, (unsigned long long)d->skipped, (double)d->late_max_ns / 1e3,
+        (unsigned)s.counters.overruns, (unsigned)s.counters.rx_drops, (unsigned)cr_record_lost(d->beside.ring));
+    if (d->final_mode == CR_MODE_FAULT) {
+        at += (size_t)snprintf(text + at, ASIDE_TEXT_MAX - at, "stopped in fault:");
+        at = add_faults(text, at, d->final_faults);
+        snprintf(text + at, ASIDE_TEXT_MAX - at, "\n");
+    }
+    if (d->final_mode != CR_MODE_INIT) {
+        return;
+    }
+    at = (size_t)snprintf(error, ASIDE_TEXT_MAX, "error: no answer from drive");
+    for (uint32_t a = 0; a < CR_AXES; a++) {
+        if ((d->final_seen >> a & 1u) == 0u) {
+            at += (size_t)snprintf(error + at, ASIDE_TEXT_MAX - at, " %c (node 0x%02x)", (int)"XYZ"[a],
+                                   0x11u + (unsigned)a);
+        }
+    }
+    snprintf(error + at, ASIDE_TEXT_MAX - at, "; is it powered, and on this bus?\n");
+}
+
+static int exit_status(daemon_state *d) {
+    int cut = atomic_load(&d->beside.write_errno) != 0 || atomic_load(&d->beside.unwritten) > 0u;
+    if (d->beside.file >= 0 && (close(d->beside.file) != 0 || cut)) {
+        return EXIT_RECORD;
+    }
+    if (d->final_mode == CR_MODE_INIT) {
+        return EXIT_BUS;
+    }
+    return d->final_mode == CR_MODE_FAULT ? EXIT_FAULT : EXIT_DONE;
 }
 
 int main(int argc, char **argv) {
@@ -474,25 +426,18 @@ int main(int argc, char **argv) {
     if (status != 0) {
         return status;
     }
-    struct sigaction action;
-    memset(&action, 0, sizeof action);
-    action.sa_handler = ask_stop;
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    if (pthread_create(&d.writer, NULL, write_records, &d) != 0) {
-        return complain(EXIT_RECORD, "no thread for the record");
+    take_signals();
+    if (aside_start(&d.beside) != 0) {
+        return complain(EXIT_RECORD, "no memory or threads for the record");
     }
-    become_real_time(&d.device);
+    become_real_time(&d);
     run_loop(&d);
-    atomic_store(&d.done, 1);
-    pthread_join(d.writer, NULL);
     can_close(&d.port);
-    if (d.record != NULL && (fclose(d.record) != 0 || atomic_load(&d.write_failed))) {
-        return complain(EXIT_RECORD, "the record was not written whole");
+    write_last(&d);
+    int stuck = aside_finish(&d.beside) != 0;
+    status = exit_status(&d);
+    if (stuck) {
+        _exit(status); /* a thread waits for a disk or a terminal that does not answer: nothing more can be said */
     }
-    say_end(&d);
-    if (d.final_mode == CR_MODE_INIT) {
-        return say_missing(&d);
-    }
-    return d.final_mode == CR_MODE_FAULT ? EXIT_FAULT : EXIT_DONE;
+    return status;
 }

@@ -19,9 +19,9 @@ typedef enum { FLOATS, WHOLE, NAME } kind;
 typedef struct {
     const char *table, *key;
     kind kind;
-    uint32_t count;          /* numbers; more than one: an array */
+    uint32_t count;          /* numbers; more than one: an array. Of a name: bytes, with its end */
     size_t offset;           /* into device_config */
-    double scale, low, high; /* range of what is written */
+    double scale, low, high; /* range of what is written; of a name, `low` letters at least */
 } entry;
 
 #define AT(field) offsetof(device_config, field)
@@ -42,7 +42,7 @@ typedef struct {
     }
 
 static const entry entries[] = {
-    {"bus", "interface", NAME, 1, AT(interface), 1.0, 0.0, 0.0},
+    {"bus", "interface", NAME, DEVICE_NAME_MAX, AT(interface), 1.0, 1.0, 0.0},
     {"bus", "bitrate_bit_s", WHOLE, 1, AT(bitrate), 1.0, 1000000.0, 1000000.0},
     {"bus", "heartbeat_ms", WHOLE, 1, AT(servo.bus.heartbeat_ms), 1.0, 10.0, 1000.0},
     {"bus", "host_timeout_ms", WHOLE, 1, AT(servo.bus.host_timeout_ms), 1.0, 11.0, 10000.0},
@@ -57,6 +57,7 @@ static const entry entries[] = {
     {"loop", "period_us", FLOATS, 1, AT(servo.period_s), 1e-6, 816.0, 100000.0},
     {"loop", "overrun_us", FLOATS, 1, AT(servo.overrun_s), 1e-6, 816.0, 200000.0},
     {"loop", "deadline_us", WHOLE, 1, AT(deadline_us), 1.0, 100.0, 100000.0},
+    {"loop", "watchdog", NAME, DEVICE_PATH_MAX, AT(watchdog), 1.0, 0.0, 0.0},
     {"loop", "priority", WHOLE, 1, AT(priority), 1.0, 1.0, 99.0},
     {"bus", "torque_timeout_ms", WHOLE, 1, AT(servo.bus.torque_timeout_ms), 1.0, 0.0, 1000.0},
     {"loop", "stuck_travel_m", FLOATS, 1, AT(servo.stuck_travel_m), 1.0, 0.0, 1.0},
@@ -193,11 +194,12 @@ static int read_table(reader *r, char *line) {
 
 static int read_name(reader *r, const entry *e, char *value) {
     size_t length = strlen(value);
-    if (length < 3u || value[0] != '"' || value[length - 1u] != '"' || memchr(value + 1, '"', length - 2u) != NULL) {
+    if (length < 2u + (size_t)e->low || value[0] != '"' || value[length - 1u] != '"' ||
+        memchr(value + 1, '"', length - 2u) != NULL) {
         return fail(r, "%s must be a text in quotes", e->key);
     }
-    if (length - 2u >= DEVICE_NAME_MAX) {
-        return fail(r, "%s has at most %d letters", e->key, DEVICE_NAME_MAX - 1);
+    if (length - 2u >= e->count) {
+        return fail(r, "%s has at most %u letters", e->key, (unsigned)e->count - 1u);
     }
     char *to = (char *)r->device + e->offset;
     memcpy(to, value + 1, length - 2u);

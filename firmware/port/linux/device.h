@@ -5,14 +5,16 @@
 #include "servo.h"
 
 #define DEVICE_NAME_MAX 16 /* IFNAMSIZ */
+#define DEVICE_PATH_MAX 128
 #define DEVICE_TEXT_MAX 300
 
 typedef struct {
     cr_servo_config servo;
     char interface[DEVICE_NAME_MAX];
-    uint32_t bitrate;     /* bit/s; asked of interfaces that have one */
-    uint32_t deadline_us; /* after SYNC: the tick starts then at the latest */
-    uint32_t priority;    /* of SCHED_FIFO */
+    uint32_t bitrate;               /* bit/s; asked of interfaces that have one */
+    uint32_t deadline_us;           /* after SYNC: the tick starts then at the latest */
+    uint32_t priority;              /* of SCHED_FIFO */
+    char watchdog[DEVICE_PATH_MAX]; /* empty: none */
 } device_config;
 
 device_config device_default(void);

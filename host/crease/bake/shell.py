@@ -13,6 +13,7 @@ from crease.bake.pieces import PIECE_NONE, mark_pieces
 from crease.bake.layout import CLUSTER, GROUP, LANES, NEIGHBOUR, SUM
 from crease.bake.pieces import PIECE_NONE, mark_pieces
 from crease.bake.surface import Surface
+from crease.base.errors import MeshError
 from crease.base.native import ffi, lib
 
 F64 = npt.NDArray[np.float64]
@@ -36,6 +37,8 @@ FLAT = 1e-5
 """A piece that bends by less than this share of the spacing is flat: rounding of the mesh."""
 SMALL_PATCH = 8
 """Patches with fewer samples share clusters."""
+BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
+"""Records of neighbours that one cluster may have."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 
@@ -549,7 +552,10 @@ def make_adjacency(
     clusters: npt.NDArray[Any], groups: list[I64], pairs: I64
 ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[Any]]:
     """Which samples are beside each other: within a cluster into clusters["beside"], across clusters as start offsets
-    and records, one for each sample and each cluster beside it."""
+    and records, one for each sample and each cluster beside it.
+
+    Errors: MeshError when a cluster has more than BESIDE_MAX records, which a tick could not work off in its time.
+    """
     count = sum(len(ids) for ids in groups)
     cluster_of, lane_of = np.empty(count, np.int64), np.empty(count, np.int64)
     for i, ids in enumerate(groups):
@@ -567,7 +573,14 @@ def make_adjacency(
     out = np.zeros(len(links), NEIGHBOUR)
     out["cluster"], out["mine"] = links[:, 1], links[:, 2]
     np.bitwise_or.at(out["theirs"], where.reshape(-1), bit[:, 1])
-    return np.searchsorted(links[:, 0], np.arange(len(groups) + 1)).astype(np.uint32), out
+    start = np.searchsorted(links[:, 0], np.arange(len(groups) + 1)).astype(np.uint32)
+    most = int(np.diff(start).max())
+    if most > BESIDE_MAX:
+        raise MeshError(
+            f"{most} neighbours of one cluster of samples, at most {BESIDE_MAX}: the tool has creases much closer "
+            "together than its samples; give a smaller --spacing, or a tool without that detail"
+        )
+    return start, out
 
 
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:

@@ -49,7 +49,9 @@ def open_image(image: bytes, source: str) -> Scene:
     handle = ffi.new("cr_scene *")
     code = int(lib.cr_scene_open(handle, ffi.from_buffer("uint8_t[]", aligned), len(aligned)))
     if code != lib.CR_OK:
-        raise SceneError(f"{source}: {error_text(code)}; bake it again")
+        text = error_text(code)
+        mend = "" if "bake it again" in text else "; bake it again"
+        raise SceneError(f"{source}: {text}{mend}")
     return Scene(aligned, handle, source)
 
 

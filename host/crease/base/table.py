@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -23,8 +24,21 @@ _NAMED_MAX = 8
 """Columns that a message names."""
 
 
-def check_target(path: Path, force: bool) -> None:
-    """Errors: CreaseError when `path` exists and `force` is not given, or its folder is missing."""
+NPZ_BYTES_MAX = 2 << 30
+"""Arrays of an NPZ file, unpacked: two hours of ticks. A small file can unpack to any size."""
+
+
+def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
+    """Whether `path` can be written, with `inputs` read before.
+
+    Errors: CreaseError when an input is missing (said first) or is `path` itself, whatever `force`; when `path` exists
+    and `force` is not given; when its folder is missing.
+    """
+    for source in inputs:
+        if not source.exists():
+            raise CreaseError(f"{source}: there is no such file")
+        if path.exists() and path.samefile(source):
+            raise CreaseError(f"{path}: is an input; name another file for the output")
     if path.is_dir():
         raise CreaseError(f"{path}: is a folder; name a file")
     if path.exists() and not force:
@@ -111,10 +125,18 @@ def check_suffix(path: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def load_npz(path: Path) -> dict[str, Column]:
-    """The arrays of an NPZ file.   Errors: TableError when it is not one."""
+    """The arrays of an NPZ file.   Errors: TableError when it is not one, or unpacks to more than NPZ_BYTES_MAX."""
     try:
+        with zipfile.ZipFile(path) as packed:
+            unpacked = sum(entry.file_size for entry in packed.infolist())
+        if unpacked > NPZ_BYTES_MAX:
+            raise TableError(
+                f"{path}: unpacks to {unpacked / 1e9:.3g} GB, more than the {NPZ_BYTES_MAX / 1e9:.3g} GB that are read"
+            )
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
+    except TableError:
+        raise
     except Exception as error:  # zipfile and numpy raise their own kinds for damaged archives
         raise TableError(f"{path}: cannot be read as NPZ: {describe(error)}") from error
 

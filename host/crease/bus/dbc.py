@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cantools.database import Database
+from cantools.database.can import Message, Node, Signal
+from cantools.database.conversion import BaseConversion
+
 from crease.bus.dictionary import Axis, Dictionary, Pdo
 
 _HOST = "HOST"
@@ -34,12 +41,18 @@ _SDO_RESPONSES = {
 
 
 def _signal(
-    name: str, start: int, bits: int, signed: bool, factor: float, unit: str, receiver: str
-) -> str:
-    sign = "-" if signed else "+"
+    name: str, start: int, bits: int, to: str, signed: bool = False,
+    scale: tuple[float, str] = (1, ""), choices: Mapping[int, str] | None = None,
+) -> Signal:  # fmt: skip
+    """A number, low byte first. to: who receives it. scale: physical value of one count, and its unit."""
+    factor, unit = scale
+    named: Any = dict(choices) if choices else None
     low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
-    limits = f"[{low * factor!r}|{high * factor!r}]"
-    return f' SG_ {name} : {start}|{bits}@1{sign} ({factor!r},0) {limits} "{unit}" {receiver}'
+    return Signal(
+        name, start, bits, byte_order="little_endian", is_signed=signed, unit=unit,
+        conversion=BaseConversion.factory(scale=factor, offset=0, choices=named),
+        minimum=low * factor, maximum=high * factor, receivers=to.split(","),
+    )  # fmt: skip
 
 
 def _scaling(dictionary: Dictionary, index: int, axis: Axis) -> tuple[float, str]:
@@ -53,110 +66,88 @@ def _scaling(dictionary: Dictionary, index: int, axis: Axis) -> tuple[float, str
     return 1, ""
 
 
-def _pdo_signals(dictionary: Dictionary, pdo: Pdo, axis: Axis, receiver: str) -> list[str]:
-    lines, start = [], 0
+def _message(
+    cob: int, name: str, length: int, sender: str, signals: Sequence[Signal] = ()
+) -> Message:
+    return Message(cob, name, length, list(signals), senders=[sender])
+
+
+def _pdo_signals(dictionary: Dictionary, pdo: Pdo, axis: Axis, receiver: str) -> list[Signal]:
+    signals, start = [], 0
     for index, sub, bits in pdo.map:
-        entry = dictionary.entry(index, sub)
-        factor, unit = _scaling(dictionary, index, axis)
+        signed = dictionary.entry(index, sub).data.signed
         name = dictionary.wrist["angles"][sub - 1] if index == 0x2100 else _NAMES[index]
-        lines.append(_signal(name, start, bits, entry.data.signed, factor, unit, receiver))
+        scale = _scaling(dictionary, index, axis)
+        signals.append(_signal(name, start, bits, receiver, signed, scale))
         start += bits
-    return lines
+    return signals
 
 
-def _torque_signals(dictionary: Dictionary) -> list[str]:
+def _torque(dictionary: Dictionary, pdo: Pdo) -> Message:
     """One word per axis in the frame that all drives share."""
-    return [
-        _signal(
-            f"torque_{axis.name}",
-            16 * i,
-            16,
-            True,
-            *_scaling(dictionary, 0x6071, axis),
-            f"DRIVE_{axis.name}",
-        )
+    signals = [
+        _signal(f"torque_{axis.name}", 16 * i, 16, _drive(axis), True, _scaling(dictionary, 0x6071, axis))
         for i, axis in enumerate(dictionary.axes)
-    ]
+    ]  # fmt: skip
+    return _message(pdo.cob, pdo.name, pdo.bytes, _HOST, signals)
 
 
-def _sdo(receiver: str) -> list[str]:
+def _sdo(receiver: str, commands: Mapping[int, str]) -> list[Signal]:
     """An expedited SDO frame (CiA 301, 7.2.4.3): value, or abort code, in the last four bytes."""
     return [
-        _signal("command", 0, 8, False, 1, "", receiver),
-        _signal("index", 8, 16, False, 1, "", receiver),
-        _signal("subindex", 24, 8, False, 1, "", receiver),
-        _signal("value", 32, 32, False, 1, "", receiver),
+        _signal("command", 0, 8, receiver, choices=commands),
+        _signal("index", 8, 16, receiver),
+        _signal("subindex", 24, 8, receiver),
+        _signal("value", 32, 32, receiver),
     ]
 
 
-def _message(cob: int, name: str, length: int, sender: str, signals: list[str]) -> list[str]:
-    return [f"BO_ {cob} {name}: {length} {sender}", *signals, ""]
+def _drive(axis: Axis) -> str:
+    return f"DRIVE_{axis.name}"
+
+
+def _heartbeat(node: int, name: str, sender: str, receiver: str) -> Message:
+    state = _signal("state", 0, 8, receiver, choices=_STATES)
+    return _message(0x700 + node, f"HEARTBEAT_{name}", 1, sender, [state])
+
+
+def _of_axis(dictionary: Dictionary, axis: Axis) -> list[Message]:
+    """What a drive alone says or hears."""
+    drive, messages = _drive(axis), []
+    for pdo in dictionary.bus_pdos(axis):
+        if pdo.name == "TORQUE":
+            continue
+        sender, receiver = (_HOST, drive) if pdo.kind == "rpdo" else (drive, _HOST)
+        name = pdo.name if pdo.name == "WRIST" else f"{pdo.name}_{axis.name}"
+        signals = _pdo_signals(dictionary, pdo, axis, receiver)
+        messages.append(_message(pdo.cob, name, pdo.bytes, sender, signals))
+    emergency = [
+        _signal("error_code", 0, 16, _HOST),
+        _signal("error_register", 16, 8, _HOST),
+        _signal("detail", 24, 32, _HOST),
+    ]
+    cob, node = dictionary.setup["emergency_cob"] + axis.node, axis.node
+    return [
+        *messages,
+        _message(cob, f"EMCY_{axis.name}", 8, drive, emergency),
+        _heartbeat(node, axis.name, drive, _HOST),
+        _message(0x600 + node, f"SDO_REQUEST_{axis.name}", 8, _HOST, _sdo(drive, _SDO_REQUESTS)),
+        _message(0x580 + node, f"SDO_RESPONSE_{axis.name}", 8, drive, _sdo(_HOST, _SDO_RESPONSES)),
+    ]
 
 
 def to_dbc(dictionary: Dictionary) -> str:
     """The text of the DBC: SYNC, NMT, torque, state, control, SDO, emergency and heartbeat of every node."""
-    axes, setup = dictionary.axes, dictionary.setup
-    drives = [f"DRIVE_{axis.name}" for axis in axes]
-    anyone = ",".join(drives)
-    lines = [
-        'VERSION "crease"',
-        "",
-        "NS_ :",
-        "",
-        "BS_:",
-        "",
-        f"BU_: {_HOST} {' '.join(drives)}",
-        "",
+    axes = dictionary.axes
+    anyone = ",".join(_drive(axis) for axis in axes)
+    nmt = [_signal("command", 0, 8, anyone, choices=_COMMANDS), _signal("node", 8, 8, anyone)]
+    torque = next(pdo for pdo in dictionary.bus_pdos(axes[0]) if pdo.name == "TORQUE")
+    messages = [
+        _message(0x000, "NMT", 2, _HOST, nmt),
+        _message(int(dictionary.entry(0x1005, 0).value), "SYNC", 0, _HOST),
+        _heartbeat(dictionary.bus["host_node"], "HOST", _HOST, anyone),
+        _torque(dictionary, torque),
+        *(message for axis in axes for message in _of_axis(dictionary, axis)),
     ]
-    nmt = [
-        _signal("command", 0, 8, False, 1, "", anyone),
-        _signal("node", 8, 8, False, 1, "", anyone),
-    ]
-    lines += _message(0x000, "NMT", 2, _HOST, nmt)
-    lines += _message(dictionary.entry(0x1005, 0).value, "SYNC", 0, _HOST, [])  # type: ignore[arg-type]
-    state = [_signal("state", 0, 8, False, 1, "", _HOST)]
-    lines += _message(
-        0x700 + dictionary.bus["host_node"],
-        "HEARTBEAT_HOST",
-        1,
-        _HOST,
-        [state[0].replace(_HOST, anyone)],
-    )
-    values = [
-        f"VAL_ {0x700 + dictionary.bus['host_node']} state {_value_table(_STATES)} ;",
-        f"VAL_ 0 command {_value_table(_COMMANDS)} ;",
-    ]
-    for number, axis in enumerate(axes):
-        drive = drives[number]
-        for pdo in dictionary.bus_pdos(axis):
-            if pdo.name == "TORQUE":
-                if number == 0:
-                    lines += _message(
-                        pdo.cob, pdo.name, pdo.bytes, _HOST, _torque_signals(dictionary)
-                    )
-                continue
-            sender, receiver = (_HOST, drive) if pdo.kind == "rpdo" else (drive, _HOST)
-            signals = _pdo_signals(dictionary, pdo, axis, receiver)
-            name = pdo.name if pdo.name == "WRIST" else f"{pdo.name}_{axis.name}"
-            lines += _message(pdo.cob, name, pdo.bytes, sender, signals)
-        emergency = [
-            _signal("error_code", 0, 16, False, 1, "", _HOST),
-            _signal("error_register", 16, 8, False, 1, "", _HOST),
-            _signal("detail", 24, 32, False, 1, "", _HOST),
-        ]
-        lines += _message(
-            setup["emergency_cob"] + axis.node, f"EMCY_{axis.name}", 8, drive, emergency
-        )
-        lines += _message(0x700 + axis.node, f"HEARTBEAT_{axis.name}", 1, drive, state)
-        lines += _message(0x600 + axis.node, f"SDO_REQUEST_{axis.name}", 8, _HOST, _sdo(drive))
-        lines += _message(0x580 + axis.node, f"SDO_RESPONSE_{axis.name}", 8, drive, _sdo(_HOST))
-        values += [
-            f"VAL_ {0x600 + axis.node} command {_value_table(_SDO_REQUESTS)} ;",
-            f"VAL_ {0x580 + axis.node} command {_value_table(_SDO_RESPONSES)} ;",
-        ]
-        values.append(f"VAL_ {0x700 + axis.node} state {_value_table(_STATES)} ;")
-    return "\n".join([*lines, *values, ""])
-
-
-def _value_table(names: dict[int, str]) -> str:
-    return " ".join(f'{value} "{name}"' for value, name in sorted(names.items(), reverse=True))
+    nodes = [Node(_HOST, None), *(Node(_drive(axis), None) for axis in axes)]
+    return str(Database(messages, nodes, version="crease").as_dbc_string())

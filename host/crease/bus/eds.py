@@ -1,4 +1,7 @@
-"""EDS of a drive (CiA 306), for any CANopen tool."""
+"""EDS of a drive (CiA 306), for any CANopen tool.
+
+Written here: the one of canopen puts the time of day in, leaves the numbers of PDOs out, and changes the granularity.
+"""
 
 from __future__ import annotations
 

@@ -11,7 +11,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from crease.bus.dbc import to_dbc
 from crease.bus.dictionary import load
 from crease.bus.eds import to_eds
 from crease.bus.header import to_c_header, to_markdown
@@ -39,6 +38,8 @@ def committed() -> dict[Path, str]:
 
 def export(folder: Path) -> list[Path]:
     """Write the EDS of every axis and the DBC into `folder`; gives the files."""
+    from crease.bus.dbc import to_dbc
+
     dictionary = load()
     files = {
         f"crease_{axis.name.lower()}.eds": to_eds(dictionary, axis) for axis in dictionary.axes

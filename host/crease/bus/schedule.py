@@ -172,10 +172,10 @@ def highest_rate_Hz(items: Sequence[Timing], step_Hz: int = 25, most_Hz: int = 4
 class Cycle:
     """One period while torque flows: SYNC, states, computation, torque.
 
-    Units: us after SYNC is handed to the controller. states_us: the last state has come, when nothing else is on the bus.
-    answers_us: the same at the latest. deadline_us: what the host waits at most. budget_us, budget_quiet_us: how long the
-    computation may take so that the torque frame is through before the next SYNC is due, in every case, and with
-    nothing else on the bus. bridged_us: the torque frame of a tick that waited until the deadline is through.
+    Units: us after SYNC is handed to the controller. states_us: the last state has come, when nothing else is on the
+    bus. answers_us: the same at the latest. deadline_us: what the host waits at most. budget_us, budget_quiet_us: how
+    long the computation may take so that the torque frame is through before the next SYNC is due, in every case, and
+    with nothing else on the bus. bridged_us: the torque frame of a tick that waited until the deadline is through.
     """
 
     states_us: float
@@ -192,9 +192,9 @@ def cycle(dictionary: Dictionary, bit_us: float = 1.0, step_us: float = 50.0) ->
 
     A frame of a drive may be on the wire when SYNC is handed over; another may start in the time that the drives need
     to answer; a third may be on the wire when the torque frame is handed over: the heartbeats, once each. The host's
-    own heartbeat goes out behind its torque frame, and SYNC behind that when the bus was late. The wrist comes below the
-    states, while the host computes: a computation shorter than its frame waits for it instead. A bus error is left out:
-    a state that it delays beyond the deadline is bridged.
+    own heartbeat goes out behind its torque frame, and SYNC behind that when the bus was late. The wrist comes below
+    the states, while the host computes: a computation shorter than its frame waits for it instead. A bus error is left
+    out: a state that it delays beyond the deadline is bridged.
     """
     messages = [m for m in dictionary.messages() if m.rendering]
     cost = {m.name: frame_bits(m.bytes) * bit_us for m in messages}

@@ -341,7 +341,7 @@ def run_socketcan(
                 "--start-after",
                 f"{len(lead) * 1e-3}",
                 "--seconds",
-                f"{seconds + 1.2:.3f}",
+                f"{seconds + 1.5:.3f}",  # and the time in which the drives come up
                 str(scene_path),
             ]
             said = subprocess.run(

@@ -43,6 +43,8 @@ class Recording:
     config: Any = field(repr=False)
     scene_crc32: int
     source: str
+    cut_bytes: int = 0
+    """Of a last record that is not whole, left out: the recorder was stopped, or the disk was full."""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -69,7 +71,10 @@ def is_recording(path: Path) -> bool:
 
 
 def load_recording(path: Path) -> Recording:
-    """Errors: RecordingError for a file that is none, of another version, or cut short."""
+    """The whole records of a file; one that is cut at the end is left out, see `cut_bytes`.
+
+    Errors: RecordingError for a file that is no recording, of another version, or without a whole record.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -86,12 +91,23 @@ def load_recording(path: Path) -> Recording:
         }.get(code, error_text(code))
         raise RecordingError(f"{path}: {reason}; record it again with this version")
     body = len(data) - start
-    if body == 0 or body % RECORD.itemsize:
+    whole, cut = divmod(body, RECORD.itemsize)
+    if whole == 0:
         raise RecordingError(
-            f"{path}: is cut short: {body} bytes of records are not whole records of {RECORD.itemsize}"
+            f"{path}: holds no whole record: {body} bytes after its head, of {RECORD.itemsize} each"
         )
-    rows = np.frombuffer(data, dtype=RECORD, offset=start).copy()
-    return Recording(rows, config, int(head.scene_crc32), str(path))
+    rows = np.frombuffer(data, dtype=RECORD, count=whole, offset=start).copy()
+    return Recording(rows, config, int(head.scene_crc32), str(path), cut)
+
+
+def cut_warning(recording: Recording) -> list[str]:
+    """One line when the file ends within a record, else none."""
+    if not recording.cut_bytes:
+        return []
+    return [
+        f"{recording.source}: is cut within a record: read up to tick {int(recording.rows['tick'][-1])}, "
+        f"its last whole one; {recording.cut_bytes} bytes after it are left out"
+    ]
 
 
 def recording_bytes(rows: npt.NDArray[Any], config: Any, scene: Scene) -> bytes:

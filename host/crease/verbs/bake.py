@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> None:
     from crease.mesh.mesh import load_mesh
 
     check_suffix(args.output, (".crs",))
-    check_target(args.output, args.force)
+    check_target(args.output, args.force, (args.static, args.tool))
     check_target(bodies_path(args.output), args.force)
     start_s = time.monotonic()
     with Progress() as progress:

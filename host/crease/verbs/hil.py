@@ -111,10 +111,10 @@ def run(args: argparse.Namespace) -> None:
     from crease.verbs.sim import parse_fault
 
     check_suffix(args.output, (SUFFIX,))
-    check_target(args.output, args.force)
+    check_target(args.output, args.force, (args.scene, args.operator))
     if args.table is not None:
         check_suffix(args.table, (".csv", ".npz"))
-        check_target(args.table, args.force)
+        check_target(args.table, args.force, (args.scene, args.operator))
     check_bitrate(args.bitrate)
     scene, path = open_scene(args.scene), load_trajectory(args.operator)
     if args.interface == "socketcan":

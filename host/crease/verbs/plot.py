@@ -70,7 +70,7 @@ def _draw_run(path: Path, title: str | None) -> Figure:
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a table that cannot be read, or a figure that cannot be written."""
     check_suffix(args.output, SUFFIXES)
-    check_target(args.output, args.force)
+    check_target(args.output, args.force, args.tables)
     if len(args.tables) > 8:
         raise CreaseError(
             f"{len(args.tables)} tables in one figure cannot be told apart; give 8 at most"

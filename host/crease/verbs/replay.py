@@ -129,7 +129,7 @@ def _far_away(scene: Scene, path: Trajectory) -> list[str]:
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
     check_suffix(args.output, (".csv", ".npz"))
-    check_target(args.output, args.force)
+    check_target(args.output, args.force, (args.scene, args.path))
     if is_recording(args.path):
         from crease.verbs import rerun
 
@@ -152,9 +152,19 @@ def run(args: argparse.Namespace) -> None:
     write_table(args.output, to_columns(path, rows))
     force_N = np.linalg.norm(rows["force_N"], axis=1)
     overflow = int(np.count_nonzero(rows["overflow"]))
+    limit_N = args.force_max or float(lib.cr_config_default().force_max_N)
+    # The firmware scales the force to the limit: what reaches it was cut. Everything else counted is contact left out.
+    cut = (rows["overflow"] > 0) & (force_N > limit_N * (1.0 - 1e-5))
+    left_out = int(np.count_nonzero(rows["overflow"] > cut))
     warnings = []
-    if overflow:
-        warnings.append(f"{overflow} of {len(path)} ticks reached a limit of work or force")
+    if cut.any():
+        warnings.append(
+            f"{np.count_nonzero(cut)} of {len(path)} ticks reached the limit of the force, {limit_N:g} N"
+        )
+    if left_out:
+        warnings.append(
+            f"{left_out} of {len(path)} ticks left out contact: more clusters, surfaces, areas or zones than have room"
+        )
     late = int(np.count_nonzero(rows["late_ticks"]))
     if late:
         oldest = int(rows["late_ticks"].max())
@@ -169,6 +179,8 @@ def run(args: argparse.Namespace) -> None:
         "ticks": len(path),
         "ticks_in_contact": int(np.count_nonzero(rows["areas"])),
         "ticks_limited": overflow,
+        "ticks_force_limited": int(np.count_nonzero(cut)),
+        "ticks_left_out": left_out,
         "ticks_late": late,
         "force_max_N": float(force_N.max()),
         "depth_max_m": float(rows["depth_m"].max()),

@@ -8,7 +8,7 @@ import time
 from crease.base.errors import RecordingError
 from crease.base.scene import open_scene
 from crease.base.table import write_table
-from crease.replay.recording import fault_names, load_recording, rerun, to_columns
+from crease.replay.recording import cut_warning, fault_names, load_recording, rerun, to_columns
 from crease.verbs.common import print_either, warn
 
 
@@ -21,7 +21,7 @@ def run(args: argparse.Namespace) -> None:
     scene, recording = open_scene(args.scene), load_recording(args.path)
     result = rerun(recording, scene)
     write_table(args.output, to_columns(result.rows))
-    warnings = []
+    warnings = cut_warning(recording)
     if result.gap:
         warnings.append(
             f"records are missing after tick {int(recording.rows['tick'][result.records - 1])}: "

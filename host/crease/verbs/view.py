@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
     from crease.draw.view import Replay, make_page
 
     check_suffix(args.output, (".html", ".htm"))
-    check_target(args.output, args.force)
+    check_target(args.output, args.force, (args.scene, *args.tables))
     scene = open_scene(args.scene)
     replays = [
         Replay(name, read_table(path))
