@@ -41,7 +41,7 @@ JAM_MAX = 1.5
 """Force over stiffness in a jam, over the thickness of the overlap: the deepest contact, or two at right angles."""
 JAW_WHOLE_MM = -4.0
 """From here on all of the jaw is on the bar's full width: interference differs by twice its offset."""
-JUMP_PARTS = 128
+JUMP_PARTS = 256
 JUMP_TICKS = 12
 JUMP_SLOPE = 5.0
 JUMP_SHARE = 8.0
