@@ -42,7 +42,7 @@ JAM_MAX = 1.5
 JAW_WHOLE_MM = -4.0
 """From here on all of the jaw is on the bar's full width: interference differs by twice its offset."""
 JUMP_PARTS = 256
-JUMP_TICKS = 16
+JUMP_TICKS = 12
 JUMP_SLOPE = 5.0
 JUMP_SHARE = 8.0
 """A tick's change may be spread over an eighth of the tick, and each part may change by JUMP_SLOPE of its way: steep is

@@ -110,9 +110,9 @@ def draw_paths(rows: Sequence[Row], responses: Sequence[str]) -> Figure | None:
                 if row.scene.name == name and row.response in responses:
                     size = np.linalg.norm(row.way_mm, axis=1)
                     colour = COLOURS[list(responses).index(row.response) % len(COLOURS)]
-                    panel.plot(
-                        np.linspace(0, 100, len(size)), size, color=colour, label=row.response
-                    )
+                    wide = 3.2 if row.response == SHOWN[0] else 1.2
+                    share = np.linspace(0, 100, len(size))
+                    panel.plot(share, size, color=colour, lw=wide, label=row.response)
             panel.set_title(row_about(rows, name), fontsize=8.5, loc="left")
             panel.set_ylim(bottom=0.0)
             panel.set_ylabel("|F| / k, mm")
