@@ -1,7 +1,7 @@
 """Covers of a polyhedron by convex pieces, found once from its planes; independent of the project.
 
-A piece is a largest set of planes that are pairwise related (they share convex creases only, or each lies below the other)
-and hang together by creases, and whose intersection stays inside the solid. Pieces overlap. Units: mm.
+A piece is a largest set of planes that are pairwise related (they share convex creases only, or each lies below the
+other) and hang together by creases, and whose intersection stays inside the solid. Pieces overlap. Units: mm.
 """
 
 from __future__ import annotations
@@ -117,8 +117,8 @@ def cover(solid: Solid) -> list[Piece]:
     }
     pieces = []
     for members in sorted(map(sorted, sets)):
-        own = (part[members] for part in (whole.normals, whole.offsets, whole.surface))
-        piece = Piece(*own, *box)
+        normals, offsets = whole.normals[members], whole.offsets[members]
+        piece = Piece(normals, offsets, whole.surface[members], whole.low, whole.high)
         if _outside_share(solid, piece.normals, piece.offsets) < OUTSIDE_SHARE:
             pieces.append((frozenset(members), piece))
     kept = [p for s, p in pieces if not any(s < other for other, _ in pieces)]

@@ -1,4 +1,4 @@
-"""Exact contact of two polyhedra: half-spaces of their convex pieces, the way out, force and torque; independent of the project.
+"""Exact contact of two polyhedra by the way out of their convex pieces; independent of the project.
 
 No quadrature: the tool's triangles are cut where they enter a static piece and where its nearest plane changes; what is
 left are integrals of linear and quadratic functions and maxima at corners. Definitions: force/README.md. Units: mm.
@@ -17,8 +17,6 @@ from scipy.optimize import nnls
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# A surface counts from this share of the largest one on, and in full when it is as large (force/README.md "Leaning").
-FLAT_UNTIL = 1.0 / 3.0
 # A plane that the normal leaves less steeply than this is not left through it.
 LEAVES_MIN = 1e-9
 # Contacts below this depth are rounding (mm).
@@ -44,6 +42,11 @@ class Body:
 
     pieces: list[Piece]
     soups: list[Floats]
+
+
+def favour(share: Floats) -> Floats:
+    """What a surface counts, as a share of the largest, for its share of it: 0 to 0, 1 to 1, slopes 0 and 1/2."""
+    return np.asarray(2.5 * share**2 - 1.5 * share**3)
 
 
 def clip(soup: Floats, value: Floats) -> Floats:
@@ -80,7 +83,9 @@ def make_body(solid: Solid) -> Body:
     for piece in pieces:
         soup = triangles
         # A convex body's own planes cut nothing off; float32 planes of many facets would shave it.
-        for normal, offset in zip(piece.normals, piece.offsets, strict=True) if len(pieces) > 1 else ():
+        for normal, offset in (
+            zip(piece.normals, piece.offsets, strict=True) if len(pieces) > 1 else ()
+        ):
             soup = clip(soup, offset + 1e-4 - soup @ normal)
         soups.append(soup)
     return Body(pieces, soups)
@@ -138,13 +143,15 @@ def _integrate(soup: Floats, piece: Piece) -> _Sums:
 
 
 def _direction(sums: _Sums) -> Floats:
-    """The sum in the cone of the surfaces touched, each favoured by what it is of the largest; its length is the push."""
+    """The sum in the cone of the surfaces touched, each favoured by its share of the largest; as long as the push."""
     facing = [v / np.linalg.norm(v) for v in sums.facing.values() if np.linalg.norm(v) > 0.0]
     if not facing:
         return np.zeros(3)
     share, _ = nnls(np.array(facing).T, sums.push)
-    a = FLAT_UNTIL / (1.0 - FLAT_UNTIL)
-    favoured = np.where(share > 0.0, np.maximum(0.0, (1.0 + a) * share - a * share.max()), 0.0)
+    most = float(share.max())
+    if not most > 0.0:
+        return np.zeros(3)
+    favoured = most * favour(share / most)
     return np.asarray(favoured @ np.array(facing))
 
 
