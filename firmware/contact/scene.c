@@ -144,7 +144,7 @@ static cr_err check_meta(const struct cr_img_meta *m) {
         }
     }
     if (!lengths_agree(m) || !is_box(m->static_min_m, m->static_max_m) || !is_box(m->tool_min_m, m->tool_max_m) ||
-        m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX) {
+        m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX || m->piece_count > CR_PIECE_NONE) {
         return CR_ERR_VALUE;
     }
     return CR_OK;
@@ -336,12 +336,23 @@ static int lane_is_sound(const struct cr_img_meta *m, const struct cr_img_cluste
            (c->beside[i] & ~others) == 0u;
 }
 
+/* Pieces that there are, no piece twice. */
+static int pieces_are_sound(const struct cr_img_meta *m, const uint16_t *piece) {
+    for (uint32_t i = 0; i < CR_PIECES; i++) {
+        if (piece[i] != CR_PIECE_NONE && piece[i] >= m->piece_count) {
+            return 0;
+        }
+    }
+    return piece[0] != CR_PIECE_NONE && piece[0] != piece[1];
+}
+
 static int cluster_is_sound(const cr_scene *s, uint32_t index) {
     const struct cr_img_cluster *c = &s->clusters[index];
     const cr_vec3 n = v3_from(c->normal);
     if (c->count < 1u || c->count > CR_LANES || !floats_are_finite(c->x, (size_t)6u * CR_LANES) ||
         ((c->vertex_mask | c->crease_mask) & ~lanes_below(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
-        !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !is_in(c->radius_m, 0.0f, VALUE_MAX)) {
+        !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !is_in(c->radius_m, 0.0f, VALUE_MAX) ||
+        !pieces_are_sound(s->meta, c->piece)) {
         return 0;
     }
     for (uint32_t i = 0; i < CR_LANES; i++) {

@@ -374,6 +374,8 @@ static void fill_cluster(const crt_tool *t, uint32_t index, struct cr_img_cluste
     double mean[3] = {0.0}, normal[3] = {0.0};
     float one[CR_LANES];
     c->count = count;
+    c->piece[0] = 0u;
+    c->piece[1] = CR_PIECE_NONE;
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const crt_sample *s = &t->samples[first + (i < count ? i : 0u)];
         fill_lane(t, c, (int)i, s, i < count);

@@ -447,7 +447,12 @@ static void scene_refuses_words_without_meaning(void **state) {
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, vertex_mask), 1u << 16},
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, crease_mask), 1u << 31},
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, beside), 1u}, /* beside itself */
-               {CR_SEC_ADJ, offsetof(struct cr_img_neighbour, mine), 1u},      /* theirs: none */
+               {CR_SEC_META, offsetof(struct cr_img_meta, piece_count), 0u},
+               {CR_SEC_META, offsetof(struct cr_img_meta, piece_count), 65536u},
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, piece), 0xffffffffu}, /* of no piece */
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, piece), 0xffff0007u}, /* a piece that is not */
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, piece), 0u},          /* one twice */
+               {CR_SEC_ADJ, offsetof(struct cr_img_neighbour, mine), 1u},              /* theirs: none */
                {CR_SEC_ADJ, offsetof(struct cr_img_neighbour, mine), 1u << 16}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         if (with_word(bad[i].id, bad[i].at, bad[i].word) != CR_ERR_VALUE) {

@@ -56,7 +56,9 @@ def _sees(centre: F64, normal: F64, inset_m: float, inside: Inside, i: int, othe
     return np.asarray(inside(points).reshape(len(SIGHTS), -1).all(axis=0))
 
 
-def _grow(seed: int, centre: F64, normal: F64, beside: list[I64], inset_m: float, inside: Inside) -> I64:
+def _grow(
+    seed: int, centre: F64, normal: F64, beside: list[I64], inset_m: float, inside: Inside
+) -> I64:
     """A piece round a cluster: what hangs together with it and agrees with all of it, nearest first."""
     member = np.zeros(len(centre), bool)
     member[seed] = True
@@ -65,10 +67,15 @@ def _grow(seed: int, centre: F64, normal: F64, beside: list[I64], inset_m: float
     while front:
         found = np.unique(np.concatenate([beside[i] for i in front]))
         found = found[allowed[found] & ~member[found]]
-        found = found[np.argsort(np.linalg.norm(centre[found] - centre[seed], axis=1), kind="stable")]
+        found = found[
+            np.argsort(np.linalg.norm(centre[found] - centre[seed], axis=1), kind="stable")
+        ]
         front = []
         for i in found:
-            if allowed[i] and _sees(centre, normal, inset_m, inside, int(i), np.flatnonzero(member)).all():
+            if (
+                allowed[i]
+                and _sees(centre, normal, inset_m, inside, int(i), np.flatnonzero(member)).all()
+            ):
                 member[i] = True
                 allowed &= _agrees(centre, normal, int(i))
                 front.append(int(i))

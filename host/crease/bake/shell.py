@@ -402,7 +402,9 @@ def cluster_order(samples: Samples, spacing_m: float, pieces: I64 | None = None)
     size = np.bincount(samples.patch)[samples.patch]
     home = np.where(size >= SMALL_PATCH, samples.patch, -1)
     if pieces is not None:
-        home = np.unique(np.column_stack([home, pieces]), axis=0, return_inverse=True)[1].reshape(-1)
+        home = np.unique(np.column_stack([home, pieces]), axis=0, return_inverse=True)[1].reshape(
+            -1
+        )
     order = np.argsort(home, kind="stable")
     bounds = np.flatnonzero(np.diff(home[order])) + 1
     clusters = [group for part in np.split(order, bounds) for group in halve(lifted, part, LANES)]
@@ -588,7 +590,9 @@ def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
     face = np.flatnonzero(~samples.feature)
     faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
     order = cluster_order(faces, spacing_m)
-    of_cluster = mark_pieces(make_clusters(faces, order)["normal"], faces.position_m, order, spacing_m, surface)
+    of_cluster = mark_pieces(
+        make_clusters(faces, order)["normal"], faces.position_m, order, spacing_m, surface
+    )
     of_face = np.empty((len(face), 2), np.int64)
     for ids, piece in zip(order, of_cluster, strict=True):
         of_face[ids] = piece

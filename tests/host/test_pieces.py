@@ -1,0 +1,91 @@
+"""Convex pieces of a tool's surface, on solids whose pieces are plain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.layout import CLUSTER
+from crease.bake.pieces import PIECE_NONE
+from crease.base.native import lib
+from crease.base.scene import Scene, open_image
+from crease.mesh.mesh import Mesh
+
+
+def mesh_of(solid: trimesh.Trimesh, name: str) -> Mesh:
+    """A mesh in metres of a solid in millimetres."""
+    corners, sides = 1e-3 * np.asarray(solid.vertices), np.asarray(solid.faces, np.int32)
+    return Mesh(corners, sides, "00" * 32, name)
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> trimesh.Trimesh:
+    """A box by two corners, mm."""
+    return trimesh.creation.box(bounds=[low, high])
+
+
+def bake(tool: trimesh.Trimesh) -> Scene:
+    """A scene with this tool, sampled every 2 mm."""
+    floor = mesh_of(box((-30, -30, -10), (30, 30, 0)), "floor")
+    options = BakeOptions(voxel_m=2e-3, spacing_m=2e-3)
+    return open_image(bake_scene(floor, mesh_of(tool, "tool"), options).image, "test")
+
+
+def clusters_of(scene: Scene) -> np.ndarray:
+    """Records of the image's clusters."""
+    from crease.base.native import ffi
+
+    handle = scene.handle
+    size = handle.cluster_count * CLUSTER.itemsize
+    return np.frombuffer(ffi.buffer(handle.clusters, size), CLUSTER).copy()
+
+
+SOLIDS = {
+    "cube": (box((-10, -10, -10), (10, 10, 10)), 1),
+    "ball": (trimesh.creation.icosphere(3, 10.0), 1),
+    "ell": (
+        trimesh.boolean.union(
+            [box((-20, -6, 0), (20, 6, 10)), box((10, -6, -20), (20, 6, 10))], engine="manifold"
+        ),
+        2,
+    ),
+    "pads": (
+        trimesh.boolean.union(
+            [
+                box((-20, -6, 0), (20, 6, 6)),
+                box((-20, -6, -8), (-10, 6, 6)),
+                box((10, -6, -8), (20, 6, 6)),
+            ],
+            engine="manifold",
+        ),
+        3,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_large_pieces_are_the_convex_parts(name: str) -> None:
+    solid, parts = SOLIDS[name]
+    records = clusters_of(bake(solid))
+    piece, count = np.unique(records["piece"][:, 0], return_counts=True)
+    large = np.flatnonzero(count >= 0.05 * count.sum())
+    assert len(large) == parts
+    assert (records["piece"][:, 0] != PIECE_NONE).all()
+    # A convex part's samples lie behind each other's planes; a few clusters may span an elbow.
+    for p in piece[large]:
+        rows = records[(records["piece"] == p).any(axis=1)]
+        middle = np.array(
+            [[rows[i][a][: rows[i]["count"]].mean() for a in "xyz"] for i in range(len(rows))]
+        )
+        normal = rows["normal"]
+        above = np.einsum("jx,ijx->ij", normal, middle[:, None] - middle[None])
+        far = np.linalg.norm(middle[:, None] - middle[None], axis=2)
+        assert (above <= 0.16 * far + 1e-6).mean() > 0.999
+
+
+def test_pieces_are_numbered_below_their_count() -> None:
+    scene = bake(SOLIDS["pads"][0])
+    records = clusters_of(scene)
+    known = records["piece"][records["piece"] != lib.CR_PIECE_NONE]
+    assert known.max() < scene.meta.piece_count
+    assert PIECE_NONE == lib.CR_PIECE_NONE
