@@ -23,6 +23,8 @@ BESIDE = 1.6
 PIECE_NONE = 0xFFFF
 SIGHTS = (0.25, 0.5, 0.75)
 """Where on the way from one cluster to another it is asked whether the way is inside."""
+WITNESSES = 64
+"""Of the clusters of a piece so many are asked whether they see a new one."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
 
@@ -51,6 +53,7 @@ Inside = Callable[[F64], Bools]
 
 def _sees(centre: F64, normal: F64, inset_m: float, inside: Inside, i: int, others: I64) -> Bools:
     """Clusters to which straight lines from cluster i, a little below the surface, stay inside the tool."""
+    others = others[:: max(1, len(others) // WITNESSES)]
     inner = centre - inset_m * normal
     points = np.concatenate([inner[i] + t * (inner[others] - inner[i]) for t in SIGHTS])
     return np.asarray(inside(points).reshape(len(SIGHTS), -1).all(axis=0))

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from crease.bake.pieces import PIECE_NONE, mark_pieces
 from crease.bake.layout import CLUSTER, GROUP, LANES, NEIGHBOUR, SUM
 from crease.bake.pieces import PIECE_NONE, mark_pieces
 from crease.bake.surface import Surface
@@ -39,6 +38,8 @@ SMALL_PATCH = 8
 """Patches with fewer samples share clusters."""
 BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
 """Records of neighbours that one cluster may have."""
+UNITS_MAX = 2000
+"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that there are no more."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 
@@ -393,8 +394,10 @@ def halve(points: F64, ids: I64, most: int) -> list[I64]:
     return groups
 
 
-def cluster_order(samples: Samples, spacing_m: float, pieces: I64 | None = None) -> list[I64]:
-    """Samples in clusters of at most LANES, each on one patch (tiny patches share), neighbours near in the list.
+def cluster_order(
+    samples: Samples, spacing_m: float, pieces: I64 | None = None, most: int = LANES
+) -> list[I64]:
+    """Samples in clusters of at most `most`, each on one patch (tiny patches share), neighbours near in the list.
 
     pieces: (n, 2) convex pieces of each sample; no cluster spans several.
     """
@@ -407,7 +410,7 @@ def cluster_order(samples: Samples, spacing_m: float, pieces: I64 | None = None)
         )
     order = np.argsort(home, kind="stable")
     bounds = np.flatnonzero(np.diff(home[order])) + 1
-    clusters = [group for part in np.split(order, bounds) for group in halve(lifted, part, LANES)]
+    clusters = [group for part in np.split(order, bounds) for group in halve(lifted, part, most)]
     centre = np.array([samples.position_m[ids].mean(axis=0) for ids in clusters])
     return [clusters[i] for part in halve(centre, np.arange(len(clusters)), LANES) for i in part]
 
@@ -586,13 +589,12 @@ def make_adjacency(
 
 
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
-    """The two largest convex pieces of each sample, (n, 2): those of its face; a feature's are those of the nearest face sample."""
+    """The two largest convex pieces of each sample, (n, 2); a feature has those of the nearest face sample."""
     face = np.flatnonzero(~samples.feature)
     faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
-    order = cluster_order(faces, spacing_m)
-    of_cluster = mark_pieces(
-        make_clusters(faces, order)["normal"], faces.position_m, order, spacing_m, surface
-    )
+    order = cluster_order(faces, spacing_m, most=max(LANES, -(-len(face) // UNITS_MAX)))
+    normal = np.array([_unit(faces.area_m2[ids].sum(axis=0)) for ids in order])
+    of_cluster = mark_pieces(normal, faces.position_m, order, spacing_m, surface)
     of_face = np.empty((len(face), 2), np.int64)
     for ids, piece in zip(order, of_cluster, strict=True):
         of_face[ids] = piece
