@@ -1,5 +1,7 @@
 #include "intersect.h"
 
+#include "exact.h"
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -40,6 +42,11 @@ static point cross(point a, point b) {
 }
 static double dot(point a, point b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 static double norm(point a) { return sqrt(dot(a, a)); }
+
+static int side_of(point a, point b, point c, point d) {
+    const double p[4][3] = {{a.x, a.y, a.z}, {b.x, b.y, b.z}, {c.x, c.y, c.z}, {d.x, d.y, d.z}};
+    return cr_exact_side(p[0], p[1], p[2], p[3]);
+}
 
 static point corner(const surface *s, int32_t triangle, int k) {
     const double *v = s->vertices + 3 * (size_t)s->triangles[3 * (size_t)triangle + (size_t)k];
@@ -133,7 +140,8 @@ static void build_boxes(surface *s) {
 }
 
 /* The edge p q passes through triangle t: both ends are clear of its plane, and the passage is inside or on its rim. The rim
- * counts because symmetric shapes cross exactly edge on edge, and no other test would see that. */
+ * counts because symmetric shapes cross exactly edge on edge, and no other test would see that. Inside or not is decided
+ * exactly: any room for rounding at the rim, taken along a shallow edge, is as long as the edge. */
 static int edge_passes(point p, point q, const point t[3], double tolerance_m) {
     const point normal = cross(sub(t[1], t[0]), sub(t[2], t[0]));
     const double deep = tolerance_m * norm(normal);
@@ -142,12 +150,9 @@ static int edge_passes(point p, point q, const point t[3], double tolerance_m) {
     if (!((above > deep && below < -deep) || (above < -deep && below > deep))) {
         return 0;
     }
-    const point along = sub(q, p);
-    const double turn = above > 0.0 ? -1.0 : 1.0;
+    const int turn = above > 0.0 ? -1 : 1;
     for (int k = 0; k < 3; k++) {
-        const point side = cross(sub(t[k], p), sub(t[(k + 1) % 3], p));
-        const double limit = tolerance_m * norm(along) * norm(sub(t[(k + 1) % 3], t[k]));
-        if (turn * dot(along, side) < -limit) {
+        if (turn * side_of(p, q, t[k], t[(k + 1) % 3]) < 0) {
             return 0;
         }
     }
