@@ -344,18 +344,22 @@ def refine(
     fine = 2 * CELLS_SIDE
     centres = lattice(fine, 0.5 / fine, 1 - 0.5 / fine)
     samples = {int(i): phi[i] for i in candidates}
+    # A mean of eight corners of a cell is no farther from the distance anywhere in it than the cell is long.
+    far_m = grid.near_m + math.sqrt(3.0) * grid.voxel_m
     for next_level in range(BASE_LEVEL + 1, LEVEL_MAX + 1):
         still = []
         for part in np.array_split(candidates, max(1, len(candidates) // 256)):
             if len(part) == 0:
                 continue
-            exact, _ = surface.signed_distance(brick_points(grid, where[part], centres))
-            exact = exact.reshape(len(part), -1)
             value = np.concatenate([trilinear(samples[int(i)][None], centres) for i in part])
-            matters = (np.abs(exact) < grid.near_m) & ~exact_kind[_doubled(cells[part])].reshape(
+            asked = (np.abs(value) < far_m) & ~exact_kind[_doubled(cells[part])].reshape(
                 len(part), -1
             )
-            bad = (np.abs(value - exact) > tolerance_m) & matters
+            exact, _ = surface.signed_distance(brick_points(grid, where[part], centres)[asked])
+            bad = np.zeros(asked.shape, bool)
+            bad[asked] = (np.abs(value[asked] - exact) > tolerance_m) & (
+                np.abs(exact) < grid.near_m
+            )
             still.append(part[bad.any(axis=1)])
         candidates = np.concatenate(still) if still else candidates[:0]
         at = lattice(2**next_level + 1)
