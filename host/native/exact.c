@@ -113,3 +113,23 @@ int cr_exact_side(const double *a, const double *b, const double *c, const doubl
     }
     return exact_sign(a, b, c, d);
 }
+
+int cr_exact_turn(const double *a, const double *b, const double *c) {
+    const double left = (b[0] - a[0]) * (c[1] - a[1]), right = (b[1] - a[1]) * (c[0] - a[0]);
+    const double value = left - right, doubt = (3.0 + 16.0 * EPSILON) * EPSILON * (fabs(left) + fabs(right));
+    if (value > doubt || value < -doubt) {
+        return value > 0.0 ? 1 : -1;
+    }
+    double u[2][2], v[2][2], total[TERMS_PRODUCT + 1];
+    int nu[2], nv[2];
+    for (int k = 0; k < 2; k++) {
+        nu[k] = difference(b[k], a[k], u[k]);
+        nv[k] = difference(c[k], a[k], v[k]);
+    }
+    int n = add_product(total, 0, u[0], nu[0], v[1], nv[1]);
+    for (int t = 0; t < nu[1]; t++) {
+        u[1][t] = -u[1][t];
+    }
+    n = add_product(total, n, u[1], nu[1], v[0], nv[0]);
+    return n == 0 ? 0 : total[n - 1] > 0.0 ? 1 : -1;
+}

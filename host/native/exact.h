@@ -1,4 +1,4 @@
-/* On which side of a plane a point lies: never wrong, however near. */
+/* On which side of a plane or line a point lies: never wrong, however near. */
 #ifndef CR_EXACT_H
 #define CR_EXACT_H
 
@@ -8,5 +8,9 @@
  * Cost     15 ns; about 1 us where rounding could decide.
  * Source   Shewchuk 1997, Adaptive Precision Floating-Point Arithmetic (filter A, and expansions without the stages between). */
 int cr_exact_side(const double *a, const double *b, const double *c, const double *d);
+
+/* Purpose  the same in a plane: sign of the area of a, b, c, of det(b - a, c - a).   Shapes  two coordinates each.
+ * Output   1: counter-clockwise; -1: clockwise; 0: on one line. */
+int cr_exact_turn(const double *a, const double *b, const double *c);
 
 #endif

@@ -100,7 +100,10 @@ static uint64_t spread_bits(uint64_t v) {
 static int compare_keys(const void *a, const void *b) {
     const uint64_t left = ((const keyed *)a)->key;
     const uint64_t right = ((const keyed *)b)->key;
-    return (left > right) - (left < right);
+    if (left != right) {
+        return left > right ? 1 : -1;
+    }
+    return ((const keyed *)a)->triangle > ((const keyed *)b)->triangle ? 1 : -1;
 }
 
 static void sort_triangles(surface *s) {
@@ -188,28 +191,37 @@ static int triangles_cross(const surface *s, int32_t a, int32_t b) {
     return any_edge_passes(ta, skip_a, tb, s->tolerance_m) || any_edge_passes(tb, skip_b, ta, s->tolerance_m);
 }
 
-static int64_t count_in_leaf(const surface *s, size_t leaf, size_t after, int32_t triangle, int32_t *first) {
-    int64_t count = 0;
+typedef struct {
+    int32_t *pairs;
+    size_t room;
+    int64_t count;
+} found;
+
+static void note_pair(found *f, int32_t a, int32_t b) {
+    if ((size_t)f->count < f->room) {
+        f->pairs[2 * f->count] = a;
+        f->pairs[2 * f->count + 1] = b;
+    }
+    f->count++;
+}
+
+static void look_in_leaf(const surface *s, size_t leaf, size_t after, int32_t triangle, found *f) {
     const box own = triangle_box(s, triangle);
     for (size_t i = leaf * LEAF_TRIANGLES; i < (leaf + 1) * LEAF_TRIANGLES && i < s->triangle_count; i++) {
         const int32_t other = s->order[i].triangle;
         const box theirs = triangle_box(s, other);
         if (i > after && overlap(&own, &theirs) && triangles_cross(s, triangle, other)) {
-            first[0] = triangle;
-            first[1] = other;
-            count++;
+            note_pair(f, triangle, other);
         }
     }
-    return count;
 }
 
 /* Pairs of the triangle at place `at` of the order with those behind it. */
-static int64_t count_for(const surface *s, size_t at, int32_t *first) {
+static void look_behind(const surface *s, size_t at, found *f) {
     const int32_t triangle = s->order[at].triangle;
     const box own = triangle_box(s, triangle);
     size_t stack[STACK_NODES];
     size_t depth = 0;
-    int64_t count = 0;
     stack[depth++] = 1;
     while (depth > 0) {
         const size_t node = stack[--depth];
@@ -217,33 +229,32 @@ static int64_t count_for(const surface *s, size_t at, int32_t *first) {
             continue;
         }
         if (node >= s->leaf_first) {
-            count += count_in_leaf(s, node - s->leaf_first, at, triangle, first);
+            look_in_leaf(s, node - s->leaf_first, at, triangle, f);
         } else {
             stack[depth++] = 2 * node;
             stack[depth++] = 2 * node + 1;
         }
     }
-    return count;
 }
 
 int64_t cr_mesh_self_intersections(const double *vertices, const int32_t *triangles, size_t triangle_count,
-                                   double tolerance_m, int32_t *first) {
+                                   double tolerance_m, int32_t *pairs, size_t pairs_max) {
     surface s = {vertices, triangles, triangle_count, NULL, NULL, 1, tolerance_m};
     while (s.leaf_first * LEAF_TRIANGLES < triangle_count) {
         s.leaf_first *= 2;
     }
     s.order = malloc(sizeof *s.order * (triangle_count + 1));
     s.boxes = malloc(sizeof *s.boxes * 2 * s.leaf_first);
-    int64_t count = -1;
+    found f = {pairs, pairs_max, -1};
     if (s.order != NULL && s.boxes != NULL) {
         sort_triangles(&s);
         build_boxes(&s);
-        count = 0;
+        f.count = 0;
         for (size_t i = 0; i < triangle_count; i++) {
-            count += count_for(&s, i, first);
+            look_behind(&s, i, &f);
         }
     }
     free(s.order);
     free(s.boxes);
-    return count;
+    return f.count;
 }
