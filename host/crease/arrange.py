@@ -22,8 +22,8 @@ F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
 
 SHAKE = 1e-9
-"""Share of the diagonal by which crossing triangles are shaken, so that nothing lies exactly in the plane of another. Below what
-single precision keeps, above the rounding of the cuts."""
+"""Share of the diagonal by which crossing triangles are shaken, so that nothing lies exactly in the plane of another.
+Below what single precision keeps, above the rounding of the cuts."""
 SEED = 20181
 TRIED = 5
 """Triangles of a piece that are asked where it lies, the largest first, until one answers clearly."""
@@ -58,9 +58,7 @@ class Winding:
                 self._tree,
                 ffi.from_buffer("double[]", points[first:end]),
                 end - first,
-                ffi.NULL
-                if skipped is None
-                else ffi.from_buffer("int32_t[]", skipped[first:end]),
+                ffi.NULL if skipped is None else ffi.from_buffer("int32_t[]", skipped[first:end]),
                 ffi.from_buffer("double[]", result[first:end]),
             )
 
@@ -73,8 +71,8 @@ class Winding:
 class Arrangement:
     """Triangles that meet only in edges and corners.
 
-    Shapes: lines (k, 2) edges that lie on a triangle of another piece. crossings: pairs that were cut; failed: triangles left
-    whole.
+    Shapes: lines (k, 2) edges that lie on a triangle of another piece. crossings: pairs that were cut; failed: triangles
+    left whole.
     """
 
     vertices: Vertices
@@ -89,7 +87,7 @@ def cut_crossings(vertices: Vertices, triangles: Triangles) -> Arrangement:
     crossing = topology.crossing_pairs(vertices, triangles, 0.0)
     if len(crossing) == 0:
         return Arrangement(vertices, triangles, np.zeros((0, 2), np.int32), 0, 0)
-    points = _shaken(vertices, triangles, crossing)
+    points = _shaken(vertices, triangles)
     pairs = np.ascontiguousarray(topology.crossing_pairs(points, triangles, 0.0))
     corners = np.ascontiguousarray(triangles, np.int32)
     raw = lib.crx_cut(
@@ -118,15 +116,12 @@ def cut_crossings(vertices: Vertices, triangles: Triangles) -> Arrangement:
     return Arrangement(new_points, pieces, lines, len(pairs), int(counts.failed))
 
 
-def _shaken(vertices: Vertices, triangles: Triangles, pairs: I32) -> Vertices:
-    """Vertices of the triangles that cross, and of those near them, moved by SHAKE of the diagonal."""
+def _shaken(vertices: Vertices, triangles: Triangles) -> Vertices:
+    """Vertices moved by SHAKE of the diagonal."""
     used = vertices[triangles.reshape(-1)]
     diagonal = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
-    rng = np.random.default_rng(SEED)
-    which = np.unique(triangles[np.unique(pairs)])
-    points = np.array(vertices)
-    points[which] += SHAKE * diagonal * rng.uniform(-1.0, 1.0, (len(which), 3))
-    return np.ascontiguousarray(points)
+    shake = np.random.default_rng(SEED).uniform(-1.0, 1.0, vertices.shape)
+    return np.ascontiguousarray(vertices + SHAKE * diagonal * shake)
 
 
 def outer_surface(made: Arrangement) -> tuple[Triangles, int]:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.errors import MeshError
-from crease.mend import mend_surface
+from crease.mend import Wishes, mend_surface
 from crease.table import describe
 from crease.units import METRES, format_length
 
@@ -44,10 +44,16 @@ class Mesh:
 
 
 def load_mesh(
-    path: Path, unit_m: float, progress: Callable[[str, float], None] = lambda _label, _part: None
+    path: Path,
+    unit_m: float,
+    progress: Callable[[str, float], None] = lambda _label, _part: None,
+    *,
+    sheet_m: float | None = None,
+    strict: bool = False,
 ) -> Mesh:
     """Read, scale, check and mend a mesh file whose coordinates are in units of `unit_m` metres.
 
+    sheet_m: how thick open sheets are made; None: they are left out or refused. strict: refuse what has to be mended.
     Output: warnings tell every mend with its counts, each beginning with the file.
     Errors: MeshError for what cannot be read or mended; the text says what and the mend.
     Cost: 6 s and 1 GB for a million triangles of STL.
@@ -65,6 +71,8 @@ def load_mesh(
         source=str(path),
         digest_sha256=digest,
         progress=lambda part: progress(label, 0.3 + 0.7 * part),
+        sheet_m=sheet_m,
+        strict=strict,
     )
 
 
@@ -76,8 +84,10 @@ def make_mesh(
     source: str = "mesh",
     digest_sha256: str | None = None,
     progress: Callable[[float], None] = lambda _part: None,
+    sheet_m: float | None = None,
+    strict: bool = False,
 ) -> Mesh:
-    """A mesh from arrays (n, 3) and (m, 3), with the same checks and mends as a file.
+    """A mesh from arrays (n, 3) and (m, 3), with the same checks and mends as a file; options as for load_mesh.
 
     Errors: MeshError.
     """
@@ -91,9 +101,14 @@ def make_mesh(
     vertices_m = points * unit_m
     hint = _check_size(vertices_m[corners.reshape(-1)], unit_m, source)
     try:
-        vertices_m, faces, notes = mend_surface(vertices_m, corners.astype(np.int32), progress)
+        wishes = Wishes(unit_m, sheet_m)
+        vertices_m, faces, notes = mend_surface(
+            vertices_m, corners.astype(np.int32), progress, wishes
+        )
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
+    if strict and notes:
+        raise MeshError(f"{source}: {notes[0]}; --strict refuses what has to be mended")
     warnings = tuple(f"{source}: {note}" for note in (*hint, *notes))
     return Mesh(vertices_m, faces, digest_sha256, source, warnings, unit_m)
 
