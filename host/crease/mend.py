@@ -47,7 +47,10 @@ SEW_REACHES = (1e-5, 1e-4, 1e-3)
 """Shares of the diagonal within which edges that are still open are sewn, one after the other."""
 
 SHEET_SHARE = 1 / 3
-"""Caps of a piece of surface over this share of its own area: it encloses nothing, it is a sheet."""
+"""Caps of a piece of surface over this share of its own area: it encloses nothing, it may be a sheet."""
+
+ENCLOSING = 0.8
+"""Mean winding number behind a piece of surface from which on it encloses something, perhaps with others."""
 
 FLAT = 1e-9
 """Volume over diagonal cubed below which there is no inside."""
@@ -295,8 +298,17 @@ class _Pieces:
         ]
         self.caps = [[closing.cap(draft.vertices, rim) for rim in rims] for rims in self.rims]
         self.cap_m2 = np.array([sum(cap.area_m2 for cap in caps) for caps in self.caps])
-        share = SHEET_SHARE if draft.wishes.sheet_m is None else HOLE_AREA_SHARE
-        self.sheets = self.cap_m2 > share * self.area_m2
+        if draft.wishes.sheet_m is not None:
+            self.sheets = self.cap_m2 > HOLE_AREA_SHARE * self.area_m2
+            return
+        self.sheets = self.cap_m2 > SHEET_SHARE * self.area_m2
+        if self.sheets.any():
+            # Behind a flat sheet the winding number is a half; pieces that enclose something together come near one.
+            middle = draft.vertices[draft.triangles].mean(axis=1)
+            own = np.arange(len(middle), dtype=np.int32)
+            behind = 0.5 + arrange.Winding(draft.vertices, draft.triangles).at(middle, own)
+            mean = np.bincount(self.of, weights=area * behind, minlength=count) / self.area_m2
+            self.sheets &= mean < ENCLOSING
 
     def leave_out_sheets(self) -> None:
         """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError when there are no others."""
@@ -404,9 +416,9 @@ def _from_manifold(draft: Draft, solid: Any) -> None:
     _renumber(draft, draft.vertices)
 
 
-def _collapse_slivers(draft: Draft) -> None:
+def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
     """Triangles so thin that their normal is noise."""
-    limit_m = SLIVER * draft.diagonal_m
+    limit_m = share * draft.diagonal_m
     thin = int(np.count_nonzero(topology.altitudes_m(draft.vertices, draft.triangles) < limit_m))
     if thin == 0:
         return
@@ -571,7 +583,23 @@ def _cut_crossings(draft: Draft) -> None:
             f"dropped inner faces ({_change(area_m2, draft.area_m2())} of the area, "
             f"{_change(volume_m3, draft.volume_m3())} of the volume)"
         )
-    _collapse_slivers(draft)
+    _collapse_new_slivers(draft)
+
+
+def _collapse_new_slivers(draft: Draft) -> None:
+    """Slivers that cutting left, as far as no crossing comes back with it."""
+    for share in (SLIVER, 0.1 * SLIVER, 0.01 * SLIVER):
+        trial = Draft(draft.vertices, draft.triangles, draft.wishes)
+        _collapse_slivers(trial, share)
+        if (
+            topology.self_intersections(
+                trial.vertices, trial.triangles, CROSSING * draft.diagonal_m
+            )[0]
+            == 0
+        ):
+            draft.vertices, draft.triangles = trial.vertices, trial.triangles
+            draft.notes.extend(note for note in trial.notes if not note.startswith("keeps"))
+            return
 
 
 def _change(before: float, after: float) -> str:
