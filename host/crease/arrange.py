@@ -71,8 +71,8 @@ class Winding:
 class Arrangement:
     """Triangles that meet only in edges and corners.
 
-    Shapes: lines (k, 2) edges that lie on a triangle of another piece. crossings: pairs that were cut; failed: triangles
-    left whole.
+    Shapes: lines (k, 2) edges that lie on a triangle of another piece. crossings: pairs that were cut; failed:
+    triangles left whole.
     """
 
     vertices: Vertices

@@ -39,9 +39,9 @@ def sew(vertices: Vertices, triangles: Triangles, reach_m: float) -> tuple[Trian
     start, end = topology.directed_edges(triangles)
     loose_edges = topology.unbalanced_edges(triangles, len(vertices))
     loose = np.unique(np.r_[start[loose_edges], end[loose_edges]])
-    pairs = (
-        cKDTree(vertices[loose]).query_pairs(reach_m, output_type="ndarray") if len(loose) else []
-    )
+    if len(loose) == 0:
+        return triangles, 0
+    pairs = cKDTree(vertices[loose]).query_pairs(reach_m, output_type="ndarray")
     if len(pairs) == 0:
         return triangles, 0
     graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(loose), len(loose)))
@@ -137,7 +137,8 @@ def components(triangles: Triangles, vertex_count: int) -> tuple[int, npt.NDArra
 def rims(triangles: Triangles, vertex_count: int) -> list[list[int]]:
     """The boundary of oriented triangles as simple loops, wound so that caps of the same winding close them.
 
-    Edges that are missing several times come as often. Any triangles have such loops: what goes into a vertex comes out.
+    Edges that are missing several times come as often. Any triangles have such loops: what goes into a vertex
+    comes out.
     """
     start, end = topology.directed_edges(triangles)
     low, high = np.minimum(start, end), np.maximum(start, end)

@@ -5,8 +5,8 @@ What is seen and done, in this order:
 - triangles without area (two equal corners) and duplicates are dropped;
 - triangles whose winding contradicts their neighbours are turned;
 - plane or nearly plane holes of at most HOLE_AREA_SHARE of the surface are capped;
-- what is still open is sewn with more reach, edges take in the vertices that lie on them, and every opening of a piece of
-  surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
+- what is still open is sewn with more reach, edges take in the vertices that lie on them, and every opening of a piece
+  of surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
 - slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, which moves no surface further than that;
 - shells that are inside out are turned; one that lies inside another as a cavity stays;
 - shells that meet or overlap are united by manifold3d;
@@ -311,7 +311,7 @@ class _Pieces:
             self.sheets &= mean < ENCLOSING
 
     def leave_out_sheets(self) -> None:
-        """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError when there are no others."""
+        """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError without others."""
         draft, sheets = self.draft, self.sheets
         thin = self.of[:, None] == np.flatnonzero(sheets)
         gone = thin.any(axis=1)
@@ -564,7 +564,7 @@ def _cut_crossings(draft: Draft) -> None:
         return
     area_m2, volume_m3 = draft.area_m2(), draft.volume_m3()
     made = arrange.cut_crossings(draft.vertices, draft.triangles)
-    kept, unclear = arrange.outer_surface(made)
+    kept, _ = arrange.outer_surface(made)
     if len(kept) == 0:
         raise MeshError(
             "is flat: nothing lies between its triangles; give it thickness, such as --sheet 1mm"

@@ -62,6 +62,7 @@ def load_mesh(
     progress(label, 0.0)
     source = _read_bytes(path)
     digest = hashlib.sha256(source).hexdigest()
+    _check_whole(path, source)
     vertices, triangles = _parse(path, source)
     del source
     return make_mesh(
@@ -125,6 +126,23 @@ def _read_bytes(path: Path) -> bytes:
     return source
 
 
+def _check_whole(path: Path, source: bytes) -> None:
+    """Refuse a binary STL that ends before its last triangle."""
+    head, record = 84, 50
+    if path.suffix.lower() != ".stl" or (
+        source[:5].lower() == b"solid" and b"facet" in source[:2000]
+    ):
+        return
+    count = int.from_bytes(source[80:84], "little") if len(source) >= head else 0
+    if len(source) < head or len(source) < head + record * count:
+        held = max(0, len(source) - head) // record
+        raise MeshError(
+            f"{path}: is cut off: it holds {held:,} of {count:,} triangles; copy or export it again"
+            if len(source) >= head
+            else f"{path}: is cut off: {len(source)} bytes are less than the head of an STL; copy or export it again"
+        )
+
+
 def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Vertices and triangles as the file has them."""
     import trimesh
@@ -141,7 +159,8 @@ def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any
     except (
         Exception
     ) as error:  # the readers of the formats raise whatever a damaged file leads them to
-        reason = describe(error)[:160]
+        # A reader that does not know what it sees asks for ever more packages.
+        reason = "is damaged" if isinstance(error, ImportError) else describe(error)[:160]
         raise MeshError(
             f"{path}: cannot be read as {path.suffix}: {reason}; export it again"
         ) from error

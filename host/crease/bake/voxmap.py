@@ -13,9 +13,11 @@ from scipy import ndimage
 
 from crease.bake.kinds import Kinds, convex_distance
 from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX, LEVEL_MAX
+from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.surface import Surface
 from crease.errors import MeshError
+from crease.mesh import Mesh
 from crease.native import lib
 
 F64 = npt.NDArray[np.float64]
@@ -34,6 +36,8 @@ REACH_VOXELS = 4
 """Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more looks."""
 BRICKS_MAX = 1_000_000
 GRID_MAX = 200_000_000
+BLOCK = 16_384
+"""Bricks whose points are in memory at once. Blocks of points start anew as those of threads do (surface.py)."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,12 @@ class Voxmap:
     crease_m: float
     levels: dict[int, int]
     kind_counts: dict[str, int]
+
+
+def grid_cells(mesh: Mesh, voxel_m: float) -> float:
+    """About how many bricks the grid of a mesh has."""
+    size = np.ptp(mesh.vertices_m, axis=0)
+    return float(np.prod(size / (CELLS_SIDE * voxel_m) + 2.0 + 2.0 * REACH_VOXELS / CELLS_SIDE))
 
 
 def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
@@ -377,8 +387,12 @@ def make_voxmap(
     near_m: float,
     tolerance_m: float,
     progress: Callable[[str, float], None],
+    memory_max: int,
 ) -> Voxmap:
-    """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered."""
+    """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered.
+
+    Errors: MeshError when it would take more than memory_max bytes.
+    """
     grid = make_grid(surface, voxel_m, near_m)
     near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, grid.reach_m)
     where = np.argwhere(near)[:, ::-1]
@@ -387,12 +401,8 @@ def make_voxmap(
             f"{surface.mesh.source}: {len(where):,} bricks near the surface, at most {BRICKS_MAX:,} fit;"
             " use a larger --voxel"
         )
-    base = lattice(2**BASE_LEVEL + 1)
-    phi, triangle = surface.signed_distance(
-        brick_points(grid, where, base), lambda part: progress("distances", part)
-    )
-    phi = phi.reshape(-1, *(2**BASE_LEVEL + 1,) * 3)
-    facet = surface.facet_of[triangle].reshape(phi.shape)
+    check_bricks(surface.mesh, voxel_m, len(where), float(np.prod(grid.dims)), memory_max)
+    phi, facet = _base_samples(surface, grid, where, lambda part: progress("distances", part))
     sorter = CellSorter(surface, grid, tolerance_m)
     cells = sorter.sort(where, phi, facet, lambda part: progress("creases", part))
     band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.reach_m
@@ -440,6 +450,28 @@ def make_voxmap(
         {int(k): int((level == k).sum()) for k in np.unique(level)},
         {name: int(used[key]) for key, name in names.items()},
     )
+
+
+def _base_samples(
+    surface: Surface, grid: Grid, where: npt.NDArray[np.int64], tick: Tick
+) -> tuple[F64, I32]:
+    """Distances and nearest facets at the corners of the voxels of bricks, (n, 9, 9, 9) each."""
+    base, shape = lattice(2**BASE_LEVEL + 1), (2**BASE_LEVEL + 1,) * 3
+    phi, facet = np.empty((len(where), *shape)), np.empty((len(where), *shape), np.int32)
+    for first in range(0, len(where), BLOCK):
+        rows = slice(first, first + BLOCK)
+        share, done = min(1.0, BLOCK / len(where)), first / len(where)
+        distance, triangle = surface.signed_distance(
+            brick_points(grid, where[rows], base), _part_of(tick, done, share)
+        )
+        phi[rows] = distance.reshape(-1, *shape)
+        facet[rows] = surface.facet_of[triangle].reshape(-1, *shape)
+    return phi, facet
+
+
+def _part_of(tick: Tick, done: float, share: float) -> Tick:
+    """Progress of a part of the work, of which some was done before."""
+    return lambda part: tick(done + share * part)
 
 
 def _pack_bricks(
