@@ -243,13 +243,25 @@ def _cap_holes(draft: Draft) -> None:
     added = np.concatenate([cap for cap in caps if cap is not None])
     surface_m2 = float(topology.areas_m2(draft.vertices, draft.triangles).sum())
     cap_m2 = float(topology.areas_m2(draft.vertices, added).sum())
-    if cap_m2 > HOLE_AREA_SHARE * surface_m2:
+    if cap_m2 > HOLE_AREA_SHARE * surface_m2 or _has_sheets(draft, added):
         return
     draft.triangles = np.concatenate([draft.triangles, added])
     draft.notes.append(
         f"closed {_plural(len(loops), 'hole')} with {_plural(len(added), 'triangle')}, "
         f"{100.0 * cap_m2 / surface_m2:.2g} % of the surface"
     )
+
+
+def _has_sheets(draft: Draft, caps: Triangles) -> bool:
+    """Whether these caps are large for some piece of the surface."""
+    count, piece = closing.components(draft.triangles, draft.vertex_count)
+    area_m2 = np.bincount(piece, topology.areas_m2(draft.vertices, draft.triangles), count)
+    piece_of = np.zeros(draft.vertex_count, np.int64)
+    piece_of[draft.triangles] = piece[:, None]
+    cap_m2 = np.bincount(
+        piece_of[caps[:, 0]], topology.areas_m2(draft.vertices, caps), minlength=count
+    )
+    return bool((cap_m2 > SHEET_SHARE * area_m2).any())
 
 
 def _close_openings(draft: Draft) -> None:

@@ -6,7 +6,7 @@
 
 #define LEAF_MAX 8
 #define STACK_MAX 128
-#define BETA 2.0 /* a node this many radii away is answered as one */
+#define BETA 3.0 /* a node this many radii away is answered as one */
 
 static const double FOUR_PI = 12.566370614359172;
 
