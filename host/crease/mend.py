@@ -49,7 +49,7 @@ SEW_REACHES = (1e-5, 1e-4, 1e-3)
 SHEET_SHARE = 1 / 3
 """Caps of a piece of surface over this share of its own area: it encloses nothing, it may be a sheet."""
 
-ENCLOSING = 0.8
+ENCLOSING = 0.9
 """Mean winding number behind a piece of surface from which on it encloses something, perhaps with others."""
 
 FLAT = 1e-9
