@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 from crease.bake import BakeOptions, bake_scene
+from crease.bake.layout import read_sections
 from crease.bake.surface import make_surface
 from crease.mesh import make_mesh
+from crease.native import lib
+from crease.scene import open_image
 from crease.units import parse_length, parse_size
 from host_tools import Run
 
@@ -137,3 +140,25 @@ def test_creases_of_a_machined_part_are_not_noise() -> None:
 
     mesh = make_mesh(part.vertices, part.faces, 1e-3, source="part")
     assert noise_warning(make_surface(mesh, 30.0), 30.0) == []
+
+
+@pytest.mark.parametrize("most", [400, 60])
+def test_kinds_of_cells_are_merged_until_they_fit(
+    monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """A noisy ball has thousands of kinds. Distances come from the samples and stay what they are."""
+    ball = trimesh.creation.icosphere(4, radius=20.0)
+    shake = np.random.default_rng(3).normal(0.0, 0.25, ball.vertices.shape)
+    mesh = make_mesh(ball.vertices + shake, ball.faces, 1e-3, source="noisy")
+    options = BakeOptions(voxel_m=4e-3, spacing_m=3e-3)
+    free = bake_scene(mesh, mesh, options)
+    for module in ("kinds", "voxmap"):
+        monkeypatch.setattr(f"crease.bake.{module}.KINDS_MAX", most)
+    merged = bake_scene(mesh, mesh, options)
+    sections = read_sections(np.frombuffer(merged.image, np.uint8))
+    kinds, cells = sections[int(lib.CR_SEC_KINDS)], sections[int(lib.CR_SEC_CELLS)]
+    assert len(read_sections(np.frombuffer(free.image, np.uint8))[int(lib.CR_SEC_KINDS)]) > most
+    assert len(kinds) <= most
+    assert cells.view(np.uint16).max() < len(kinds)
+    open_image(merged.image, "merged")
+    assert merged.report["error_max_m"] == pytest.approx(free.report["error_max_m"], rel=0.5)

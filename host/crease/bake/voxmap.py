@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from crease.bake.kinds import Kinds, convex_distance
+from crease.bake.kinds import KINDS_MAX, Kinds, convex_distance
 from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX, LEVEL_MAX
 from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
@@ -415,6 +415,8 @@ def make_voxmap(
         lambda points: surface.signed_distance(points)[0],
     )
     planes = find_planes(bricks_near, sorter.kinds, quantum)
+    if len(sorter.kinds) > KINDS_MAX:
+        cells, planes = _merged(sorter.kinds, cells, planes, voxel_m)
     kinds, facets = sorter.kinds.records()
     level = choose_levels(phi, tolerance_m)
     finer = refine(
@@ -452,6 +454,17 @@ def make_voxmap(
     )
 
 
+def _merged(
+    kinds: Kinds, cells: I32, planes: BrickPlanes, voxel_m: float
+) -> tuple[I32, BrickPlanes]:
+    """Cells and planes of bricks with fewer kinds; a brick whose kind has lost its planes has none."""
+    place = kinds.merged(voxel_m)
+    plane_kinds = (lib.CR_KIND_PLANAR, lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE)
+    has_planes = np.array([kinds.row(i)[0] in plane_kinds for i in range(len(kinds))])
+    least, most = (np.where(has_planes[place[k]], place[k], 0) for k in (planes.least, planes.most))
+    return place[cells], BrickPlanes(least.astype(np.int32), most.astype(np.int32))
+
+
 def _base_samples(
     surface: Surface, grid: Grid, where: npt.NDArray[np.int64], tick: Tick
 ) -> tuple[F64, I32]:
@@ -483,10 +496,6 @@ def _pack_bricks(
     kinds: npt.NDArray[Any],
     quantum_m: float,
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
-    if len(kinds) > 0x10000:
-        raise MeshError(
-            f"{len(kinds):,} different crease cells, at most 65,535 fit: use a larger --voxel"
-        )
     creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
     parts: list[npt.NDArray[np.int16]] = []
