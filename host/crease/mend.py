@@ -5,8 +5,8 @@ What is seen and done, in this order:
 - triangles without area (two equal corners) and duplicates are dropped;
 - triangles whose winding contradicts their neighbours are turned;
 - plane or nearly plane holes of at most HOLE_AREA_SHARE of the surface are capped;
-- what is still open is sewn with more reach, edges take in vertices that lie on them, and every opening of a piece
-  of surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
+- what is still open is sewn with more reach, edges take in vertices that lie on them, and every opening of a piece of
+  surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
 - slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, which moves no surface further than that;
 - shells that are inside out are turned; one that lies inside another as a cavity stays;
 - shells that meet or overlap are united by manifold3d;

@@ -62,8 +62,7 @@ def load_mesh(
     progress(label, 0.0)
     source = _read_bytes(path)
     digest = hashlib.sha256(source).hexdigest()
-    _check_whole(path, source)
-    vertices, triangles = _parse(path, source)
+    vertices, triangles = _parse_whole(path, source)
     del source
     return make_mesh(
         vertices,
@@ -124,6 +123,20 @@ def _read_bytes(path: Path) -> bytes:
     if not source:
         raise MeshError(f"{path}: is an empty file; export it again")
     return source
+
+
+def read_arrays(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Vertices (n, 3) in units of the file and triangles (m, 3) as they stand in a file.   Errors: MeshError."""
+    vertices, triangles = _parse_whole(path, _read_bytes(path))
+    points = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
+    corners = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
+    _check_numbers(points, corners, str(path))
+    return points, corners
+
+
+def _parse_whole(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    _check_whole(path, source)
+    return _parse(path, source)
 
 
 def _check_whole(path: Path, source: bytes) -> None:

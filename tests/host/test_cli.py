@@ -40,7 +40,7 @@ def test_module_runs_as_the_command() -> None:
     assert result.stdout == f"crease {__version__}\n"
 
 
-@pytest.mark.parametrize("verb", ["bake", "info", "replay", "plot"])
+@pytest.mark.parametrize("verb", ["check", "bake", "info", "replay", "plot"])
 def test_help_of_every_verb(crease: Run, verb: str) -> None:
     said = crease(verb, "--help")
     assert said.status == 0
