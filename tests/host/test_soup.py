@@ -49,7 +49,7 @@ def winding(vertices: F64, triangles: npt.NDArray[Any], points: F64) -> F64:
 
 def points_round(vertices: F64) -> F64:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    return low + (high - low) * np.random.default_rng(5).random((POINTS, 3))
+    return np.asarray(low + (high - low) * np.random.default_rng(5).random((POINTS, 3)))
 
 
 def assert_sound(mesh: Mesh) -> None:
