@@ -304,6 +304,9 @@ bench-peers: build/.host build/scenes/.stamp $(PEERS)/libpeers.so ## rival libra
 bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/bench/REPORT.md
 	$(PY) tests/bench/report.py build/bench
 
+bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
+	$(PY) tests/bench/meshes.py -o build/bench
+
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress
 
@@ -420,5 +423,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov
