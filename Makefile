@@ -312,6 +312,9 @@ bench-properties: build/.host build/meshes/.stamp $(PEERS)/.libraries ## what a 
 	$(PEERS)/bin/python tests/bench/peers/query.py meshes/property_scenes.toml build/meshes $(PEERS)/properties --every 4 --repeat 1 --library $(PEERS)/libpeers.so
 	$(CREASE) bench properties -o build/properties --peers $(PEERS)/properties --force
 
+bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
+	$(PY) tests/bench/meshes.py -o build/bench
+
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress
 
@@ -428,5 +431,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

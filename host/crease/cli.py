@@ -12,9 +12,22 @@ from collections.abc import Sequence
 
 from crease import __version__
 from crease.base.errors import CreaseError
-from crease.verbs import bake, bench, bus, experiment, hil, info, plot, replay, sim, stress, view
+from crease.verbs import (
+    bake,
+    bench,
+    bus,
+    check,
+    experiment,
+    hil,
+    info,
+    plot,
+    replay,
+    sim,
+    stress,
+    view,
+)
 
-VERBS = (bake, info, replay, plot, view, experiment, bench, stress, sim, bus, hil)
+VERBS = (check, bake, info, replay, plot, view, experiment, bench, stress, sim, bus, hil)
 """In the order of the work: what `crease --help` lists."""
 
 

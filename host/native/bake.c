@@ -28,6 +28,13 @@ typedef struct {
 
 #define LEAF_MAX 4
 #define STACK_MAX 96
+#define WIDE 8
+#define STACK_WIDE 512 /* seven for each level of the tree at most */
+
+typedef struct {
+    float low[3][WIDE], high[3][WIDE]; /* from the middle of the mesh */
+    int32_t child[WIDE];               /* a wide node, or -1 - slot of a triangle, or 0: none */
+} wide_node;
 
 struct crb_mesh {
     int64_t vertex_count, triangle_count;
@@ -48,6 +55,10 @@ struct crb_mesh {
     int32_t node_count;
     int32_t *order; /* triangles in tree order */
     vec *corners;   /* [n][3] in tree order */
+    wide_node *wide;
+    int32_t wide_count;
+    vec middle;
+    float extent;
 };
 
 /* ---- adjacency ---------------------------------------------------------------------------------------------------- */
@@ -352,6 +363,8 @@ static int build_tree(crb_mesh *m) {
     return 1;
 }
 
+static int build_wide_tree(crb_mesh *m);
+
 /* ---- set-up ------------------------------------------------------------------------------------------------------- */
 
 void crb_mesh_free(crb_mesh *m) {
@@ -370,6 +383,7 @@ void crb_mesh_free(crb_mesh *m) {
         free(m->nodes);
         free(m->order);
         free(m->corners);
+        free(m->wide);
         free(m);
     }
 }
@@ -408,7 +422,7 @@ crb_mesh *crb_mesh_new(const double *vertices_m, int64_t nv, const int32_t *tria
         m->triangles[i] = triangles[i];
     }
     find_normals(m);
-    if (!find_neighbours(m) || !find_facets(m, plane_tolerance_m) || !build_tree(m)) {
+    if (!find_neighbours(m) || !find_facets(m, plane_tolerance_m) || !build_tree(m) || !build_wide_tree(m)) {
         crb_mesh_free(m);
         return NULL;
     }
@@ -564,15 +578,177 @@ static vec pseudo_normal(const crb_mesh *m, const nearest *at) {
     return o >= 0 ? add(m->normal[t], m->normal[o]) : m->normal[t];
 }
 
+/* ---- the same, fast ------------------------------------------------------------------------------------------------
+ * A tree with eight children a node, boxes in single precision, eight at once. It finds the same distance as the tree above. When
+ * several triangles are exactly as near, which of them is taken follows from the order of that tree: then it is asked. */
+
+#define ROOM                                                                                                           \
+    (1.0 +                                                                                                             \
+     1e-5) /* on squares: above the rounding of single precision, of which boxes and triangles have different shares */
+#define GRAIN 4e-7f /* of the coordinates: rounding of boxes and points to single precision */
+
+typedef struct {
+    int32_t index, count; /* of a binary node, or a slot with count 0 */
+} entry;
+
+/* Children of a wide node: the binary node cut up, its largest part first, while there is room. */
+static int32_t open_up(const crb_mesh *m, int32_t root, entry *part) {
+    int32_t n = 1;
+    part[0] = (entry){root, m->nodes[root].count};
+    for (;;) {
+        int32_t widest = -1;
+        for (int32_t i = 0; i < n; i++) {
+            const node *own = &m->nodes[part[i].count > 0 ? part[i].index : 0];
+            const int32_t makes = own->right < 0 ? own->count : 2;
+            if (part[i].count > 0 && n - 1 + makes <= WIDE && (widest < 0 || part[i].count > part[widest].count)) {
+                widest = i;
+            }
+        }
+        if (widest < 0) {
+            return n;
+        }
+        const int32_t index = part[widest].index;
+        const node *own = &m->nodes[index];
+        part[widest] = part[--n];
+        if (own->right >= 0) {
+            part[n++] = (entry){index + 1, m->nodes[index + 1].count};
+            part[n++] = (entry){own->right, m->nodes[own->right].count};
+        } else {
+            for (int32_t slot = own->first; slot < own->first + own->count; slot++) {
+                part[n++] = (entry){slot, 0};
+            }
+        }
+    }
+}
+
+static void set_box(wide_node *w, int32_t lane, vec low, vec high, vec origin) {
+    for (int a = 0; a < 3; a++) {
+        w->low[a][lane] = (float)(axis_of(low, a) - axis_of(origin, a));
+        w->high[a][lane] = (float)(axis_of(high, a) - axis_of(origin, a));
+    }
+}
+
+static int32_t build_wide(crb_mesh *m, int32_t root) {
+    entry part[WIDE];
+    const int32_t index = m->wide_count++, n = open_up(m, root, part);
+    wide_node *w = &m->wide[index];
+    for (int32_t lane = 0; lane < WIDE; lane++) {
+        const double far = 1e18;
+        set_box(w, lane, (vec){far, far, far}, (vec){far, far, far}, (vec){0.0, 0.0, 0.0});
+        w->child[lane] = 0;
+    }
+    for (int32_t lane = 0; lane < n; lane++) {
+        if (part[lane].count > 0) {
+            set_box(w, lane, m->nodes[part[lane].index].low, m->nodes[part[lane].index].high, m->middle);
+            w->child[lane] = build_wide(m, part[lane].index);
+        } else {
+            const vec *c = m->corners + 3 * (int64_t)part[lane].index;
+            vec low = c[0], high = c[0];
+            grow(&low, &high, c[1]);
+            grow(&low, &high, c[2]);
+            set_box(w, lane, low, high, m->middle);
+            w->child[lane] = -1 - part[lane].index;
+        }
+    }
+    return index;
+}
+
+static void gaps2(const wide_node *w, const float *p, float slack, float *gap2) {
+    for (int i = 0; i < WIDE; i++) {
+        float sum = 0.0f;
+        for (int a = 0; a < 3; a++) {
+            const float below = w->low[a][i] - p[a], above = p[a] - w->high[a][i];
+            const float gap = (below > above ? below : above) - slack;
+            sum += gap > 0.0f ? gap * gap : 0.0f;
+        }
+        gap2[i] = sum;
+    }
+}
+
+typedef struct {
+    int32_t node[STACK_WIDE];
+    float gap2[STACK_WIDE];
+    int32_t depth;
+} todo;
+
+/* Children that may hold something as near: onto the stack, the nearest on top. */
+static void push_sorted(todo *t, const wide_node *w, const float *gap2, double limit) {
+    const int32_t bottom = t->depth;
+    for (int lane = 0; lane < WIDE; lane++) {
+        if (w->child[lane] <= 0 || gap2[lane] > limit) {
+            continue;
+        }
+        int32_t at = t->depth++;
+        while (at > bottom && t->gap2[at - 1] < gap2[lane]) {
+            t->gap2[at] = t->gap2[at - 1];
+            t->node[at] = t->node[at - 1];
+            at--;
+        }
+        t->gap2[at] = gap2[lane];
+        t->node[at] = w->child[lane];
+    }
+}
+
+/* Betters `best`, whose slot is a first guess; tells whether another triangle is exactly as near. */
+static int search_wide(const crb_mesh *m, vec p, nearest *best) {
+    const vec from = sub(p, m->middle);
+    const float at[3] = {(float)from.x, (float)from.y, (float)from.z};
+    const float slack = GRAIN * (m->extent + fmaxf(fabsf(at[0]), fmaxf(fabsf(at[1]), fabsf(at[2]))));
+    const int32_t guess = best->slot;
+    int tied = 0;
+    todo t = {.depth = 1, .node = {0}, .gap2 = {0.0f}};
+    while (t.depth > 0) {
+        t.depth--;
+        if (t.gap2[t.depth] > best->distance2 * ROOM) {
+            continue;
+        }
+        const wide_node *w = &m->wide[t.node[t.depth]];
+        float gap2[WIDE];
+        gaps2(w, at, slack, gap2);
+        for (int lane = 0; lane < WIDE; lane++) {
+            const int32_t slot = -1 - w->child[lane];
+            if (slot < 0 || slot == guess || gap2[lane] > best->distance2 * ROOM) {
+                continue;
+            }
+            nearest one = {DBL_MAX, 0, 6, p};
+            try_slot(m, p, slot, &one);
+            if (one.distance2 < best->distance2) {
+                *best = one;
+                tied = 0;
+            } else if (one.distance2 == best->distance2) {
+                tied = 1;
+            }
+        }
+        push_sorted(&t, w, gap2, best->distance2 * ROOM);
+    }
+    return tied && best->slot != guess;
+}
+
+static int build_wide_tree(crb_mesh *m) {
+    const node *root = &m->nodes[0];
+    m->middle = mul(add(root->low, root->high), 0.5);
+    m->extent = (float)norm(sub(root->high, root->low));
+    m->wide = aligned_alloc(64, (size_t)m->node_count * sizeof *m->wide);
+    if (m->wide == NULL) {
+        return 0;
+    }
+    (void)build_wide(m, 0);
+    return 1;
+}
+
 void crb_signed_distance(const crb_mesh *m, const double *points_m, int64_t n, double *phi_m, int32_t *triangle) {
     int32_t last = 0;
     for (int64_t i = 0; i < n; i++) {
-        vec p = {points_m[3 * i], points_m[3 * i + 1], points_m[3 * i + 2]};
-        nearest best = {DBL_MAX, 0, 6, p};
-        try_slot(m, p, last, &best);
-        search(m, p, &best);
+        const vec p = {points_m[3 * i], points_m[3 * i + 1], points_m[3 * i + 2]};
+        nearest guess = {DBL_MAX, 0, 6, p};
+        try_slot(m, p, last, &guess);
+        nearest best = guess;
+        if (search_wide(m, p, &best)) {
+            best = guess;
+            search(m, p, &best);
+        }
         last = best.slot;
-        double d = sqrt(best.distance2);
+        const double d = sqrt(best.distance2);
         phi_m[i] = dot(sub(p, best.point), pseudo_normal(m, &best)) < 0.0 ? -d : d;
         triangle[i] = m->order[best.slot];
     }

@@ -1,5 +1,7 @@
 #include "intersect.h"
 
+#include "exact.h"
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -40,6 +42,11 @@ static point cross(point a, point b) {
 }
 static double dot(point a, point b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 static double norm(point a) { return sqrt(dot(a, a)); }
+
+static int side_of(point a, point b, point c, point d) {
+    const double p[4][3] = {{a.x, a.y, a.z}, {b.x, b.y, b.z}, {c.x, c.y, c.z}, {d.x, d.y, d.z}};
+    return cr_exact_side(p[0], p[1], p[2], p[3]);
+}
 
 static point corner(const surface *s, int32_t triangle, int k) {
     const double *v = s->vertices + 3 * (size_t)s->triangles[3 * (size_t)triangle + (size_t)k];
@@ -93,7 +100,10 @@ static uint64_t spread_bits(uint64_t v) {
 static int compare_keys(const void *a, const void *b) {
     const uint64_t left = ((const keyed *)a)->key;
     const uint64_t right = ((const keyed *)b)->key;
-    return (left > right) - (left < right);
+    if (left != right) {
+        return left > right ? 1 : -1;
+    }
+    return ((const keyed *)a)->triangle > ((const keyed *)b)->triangle ? 1 : -1;
 }
 
 static void sort_triangles(surface *s) {
@@ -133,7 +143,8 @@ static void build_boxes(surface *s) {
 }
 
 /* The edge p q passes through triangle t: both ends are clear of its plane, and the passage is inside or on its rim. The rim
- * counts because symmetric shapes cross exactly edge on edge, and no other test would see that. */
+ * counts because symmetric shapes cross exactly edge on edge, and no other test would see that. Inside or not is decided
+ * exactly: any room for rounding at the rim, taken along a shallow edge, is as long as the edge. */
 static int edge_passes(point p, point q, const point t[3], double tolerance_m) {
     const point normal = cross(sub(t[1], t[0]), sub(t[2], t[0]));
     const double deep = tolerance_m * norm(normal);
@@ -142,12 +153,9 @@ static int edge_passes(point p, point q, const point t[3], double tolerance_m) {
     if (!((above > deep && below < -deep) || (above < -deep && below > deep))) {
         return 0;
     }
-    const point along = sub(q, p);
-    const double turn = above > 0.0 ? -1.0 : 1.0;
+    const int turn = above > 0.0 ? -1 : 1;
     for (int k = 0; k < 3; k++) {
-        const point side = cross(sub(t[k], p), sub(t[(k + 1) % 3], p));
-        const double limit = tolerance_m * norm(along) * norm(sub(t[(k + 1) % 3], t[k]));
-        if (turn * dot(along, side) < -limit) {
+        if (turn * side_of(p, q, t[k], t[(k + 1) % 3]) < 0) {
             return 0;
         }
     }
@@ -183,28 +191,37 @@ static int triangles_cross(const surface *s, int32_t a, int32_t b) {
     return any_edge_passes(ta, skip_a, tb, s->tolerance_m) || any_edge_passes(tb, skip_b, ta, s->tolerance_m);
 }
 
-static int64_t count_in_leaf(const surface *s, size_t leaf, size_t after, int32_t triangle, int32_t *first) {
-    int64_t count = 0;
+typedef struct {
+    int32_t *pairs;
+    size_t room;
+    int64_t count;
+} found;
+
+static void note_pair(found *f, int32_t a, int32_t b) {
+    if ((size_t)f->count < f->room) {
+        f->pairs[2 * f->count] = a;
+        f->pairs[2 * f->count + 1] = b;
+    }
+    f->count++;
+}
+
+static void look_in_leaf(const surface *s, size_t leaf, size_t after, int32_t triangle, found *f) {
     const box own = triangle_box(s, triangle);
     for (size_t i = leaf * LEAF_TRIANGLES; i < (leaf + 1) * LEAF_TRIANGLES && i < s->triangle_count; i++) {
         const int32_t other = s->order[i].triangle;
         const box theirs = triangle_box(s, other);
         if (i > after && overlap(&own, &theirs) && triangles_cross(s, triangle, other)) {
-            first[0] = triangle;
-            first[1] = other;
-            count++;
+            note_pair(f, triangle, other);
         }
     }
-    return count;
 }
 
 /* Pairs of the triangle at place `at` of the order with those behind it. */
-static int64_t count_for(const surface *s, size_t at, int32_t *first) {
+static void look_behind(const surface *s, size_t at, found *f) {
     const int32_t triangle = s->order[at].triangle;
     const box own = triangle_box(s, triangle);
     size_t stack[STACK_NODES];
     size_t depth = 0;
-    int64_t count = 0;
     stack[depth++] = 1;
     while (depth > 0) {
         const size_t node = stack[--depth];
@@ -212,33 +229,32 @@ static int64_t count_for(const surface *s, size_t at, int32_t *first) {
             continue;
         }
         if (node >= s->leaf_first) {
-            count += count_in_leaf(s, node - s->leaf_first, at, triangle, first);
+            look_in_leaf(s, node - s->leaf_first, at, triangle, f);
         } else {
             stack[depth++] = 2 * node;
             stack[depth++] = 2 * node + 1;
         }
     }
-    return count;
 }
 
 int64_t cr_mesh_self_intersections(const double *vertices, const int32_t *triangles, size_t triangle_count,
-                                   double tolerance_m, int32_t *first) {
+                                   double tolerance_m, int32_t *pairs, size_t pairs_max) {
     surface s = {vertices, triangles, triangle_count, NULL, NULL, 1, tolerance_m};
     while (s.leaf_first * LEAF_TRIANGLES < triangle_count) {
         s.leaf_first *= 2;
     }
     s.order = malloc(sizeof *s.order * (triangle_count + 1));
     s.boxes = malloc(sizeof *s.boxes * 2 * s.leaf_first);
-    int64_t count = -1;
+    found f = {pairs, pairs_max, -1};
     if (s.order != NULL && s.boxes != NULL) {
         sort_triangles(&s);
         build_boxes(&s);
-        count = 0;
+        f.count = 0;
         for (size_t i = 0; i < triangle_count; i++) {
-            count += count_for(&s, i, first);
+            look_behind(&s, i, &f);
         }
     }
     free(s.order);
     free(s.boxes);
-    return count;
+    return f.count;
 }

@@ -42,7 +42,7 @@ def test_module_runs_as_the_command() -> None:
     assert result.stdout == f"crease {__version__}\n"
 
 
-@pytest.mark.parametrize("verb", ["bake", "info", "replay", "plot"])
+@pytest.mark.parametrize("verb", ["check", "bake", "info", "replay", "plot"])
 def test_help_of_every_verb(crease: Run, verb: str) -> None:
     said = crease(verb, "--help")
     assert said.status == 0
@@ -147,11 +147,14 @@ def test_bake_warns_of_a_mend_and_goes_on(folder: Path, ball_stl: Path, crease: 
 
 
 def test_bake_refuses_an_open_mesh(folder: Path, ball_stl: Path, crease: Run) -> None:
-    box = trimesh.creation.box(extents=[80, 80, 40])
+    """A dish: its opening is half of its own surface."""
+    box = trimesh.creation.box(extents=[80, 80, 20])
     box.update_faces(box.face_normals[:, 2] < 0.5)
     box.export(folder / "open.stl")
     said = crease("bake", folder / "open.stl", ball_stl, "-o", folder / "open.crs", "--unit", "mm")
-    assert_error(said, "open.stl: is open: 4 edges", "close the surface")
+    assert_error(
+        said, "open.stl: is open and encloses nothing: 4 edges", "--sheet 1mm, or close it"
+    )
     assert not (folder / "open.crs").exists()
 
 

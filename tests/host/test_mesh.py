@@ -114,11 +114,16 @@ def test_round_hole_in_a_ball_is_capped() -> None:
     assert "closed 1 hole" in mesh.warnings[0]
 
 
-def test_box_without_lid_is_refused_as_open() -> None:
+def test_box_without_lid_is_closed_with_a_place_and_strictly_refused() -> None:
     vertices, triangles = box()
     lid = (vertices[triangles][:, :, 2] == 1.0).all(axis=1)
-    with pytest.raises(MeshError, match=r"part: is open: 4 edges .* near .* close the surface"):
-        make_mesh(vertices, triangles[~lid], source="part")
+    mesh = make_mesh(vertices, triangles[~lid], source="part")
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(1.0)
+    assert "closed 1 opening, 20 % of the surface" in mesh.warnings[0]
+    assert "near (0.5, 0.5, 1) m" in mesh.warnings[0]
+    with pytest.raises(MeshError, match=r"part: closed 1 opening, .*; --strict refuses"):
+        make_mesh(vertices, triangles[~lid], source="part", strict=True)
 
 
 def test_duplicate_triangles_are_dropped() -> None:
@@ -208,13 +213,13 @@ def test_thousand_shells_are_handled() -> None:
     assert volume(mesh) == pytest.approx(0.91**3, rel=1e-6)
 
 
-def test_surface_through_itself_is_refused_with_a_place() -> None:
+def test_surface_through_itself_is_strictly_refused_with_a_place() -> None:
     ball = trimesh.creation.icosphere(3)
     vertices = np.array(ball.vertices)
     top = vertices[:, 2] > 0.5
     vertices[top, 2] = 2.5 - 4.0 * vertices[top, 2]
-    with pytest.raises(MeshError, match=r"passes through itself: .* cross, one near \("):
-        make_mesh(vertices, ball.faces)
+    with pytest.raises(MeshError, match=r"passed through itself: .* one near \(.*--strict"):
+        make_mesh(vertices, ball.faces, strict=True)
 
 
 @settings(deadline=None, max_examples=25)

@@ -13,9 +13,9 @@ static int64_t with_second(double ax, double ay, double az, double bx, double by
                            double cz) {
     const double vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, ax, ay, az, bx, by, bz, cx, cy, cz};
     const int32_t triangles[] = {0, 1, 2, 3, 4, 5};
-    int32_t first[2] = {-1, -1};
-    const int64_t count = cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, first);
-    assert_int_equal(first[0] >= 0, count > 0);
+    int32_t pair[2] = {-1, -1};
+    const int64_t count = cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, pair, 1);
+    assert_int_equal(pair[0] >= 0, count > 0);
     return count;
 }
 
@@ -46,16 +46,16 @@ static void intersect_leaves_neighbours_alone(void **state) {
     (void)state;
     const double vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
     const int32_t tetrahedron[] = {0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3};
-    int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertices, tetrahedron, 4, TOLERANCE_M, first), 0);
+    int32_t pair[2];
+    assert_int_equal(cr_mesh_self_intersections(vertices, tetrahedron, 4, TOLERANCE_M, pair, 1), 0);
 }
 
 static void intersect_sees_triangles_that_share_a_corner(void **state) {
     (void)state;
     const double vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0.6, 0.2, 0.5, 0.2, 0.6, -0.5};
     const int32_t triangles[] = {0, 1, 2, 0, 3, 4};
-    int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, first), 1);
+    int32_t pair[2];
+    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, pair, 1), 1);
 }
 
 static void intersect_counts_every_pair_of_many(void **state) {
@@ -72,16 +72,26 @@ static void intersect_counts_every_pair_of_many(void **state) {
             triangles[6 * i + k] = 6 * i + k;
         }
     }
-    int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2 * (size_t)COUNT, TOLERANCE_M, first), COUNT);
+    int32_t pairs[2 * (COUNT + 1)];
+    for (int k = 0; k < 2 * (COUNT + 1); k++) {
+        pairs[k] = -1;
+    }
+    const size_t room = COUNT / 4;
+    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2 * (size_t)COUNT, TOLERANCE_M, pairs, room),
+                     COUNT);
+    for (size_t i = 0; i < room; i++) {
+        assert_int_equal(pairs[2 * i] / 2, pairs[2 * i + 1] / 2);
+        assert_int_not_equal(pairs[2 * i], pairs[2 * i + 1]);
+    }
+    assert_int_equal(pairs[2 * room], -1); /* more pairs than room: the rest is counted alone */
 }
 
 static void intersect_takes_an_empty_mesh(void **state) {
     (void)state;
     const double vertex[] = {0, 0, 0};
     const int32_t none[] = {0};
-    int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertex, none, 0, TOLERANCE_M, first), 0);
+    int32_t pair[2];
+    assert_int_equal(cr_mesh_self_intersections(vertex, none, 0, TOLERANCE_M, pair, 1), 0);
 }
 
 int main(void) {

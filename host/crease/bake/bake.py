@@ -13,11 +13,13 @@ import numpy.typing as npt
 
 from crease.bake.distance_errors import measure_errors
 from crease.bake.layout import EDGE, META, PAIR, pack
+from crease.bake.limits import check_grid, check_spacing, default_memory_max
 from crease.bake.shell import Shell, make_shell
 from crease.bake.surface import Surface, make_surface
-from crease.bake.voxmap import Voxmap, make_voxmap
+from crease.bake.voxmap import Voxmap, grid_cells, make_voxmap
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.units import format_length, format_size
 from crease.mesh.mesh import Mesh
 
 __all__ = ["BakeOptions", "BakeResult", "bake_scene"]
@@ -33,14 +35,36 @@ class BakeOptions:
     spacing_m: float | None = None
     crease_angle_deg: float = 30.0
     tolerance_m: float | None = None
+    memory_max_bytes: int | None = None
+    image_max_bytes: int | None = None
 
 
 @dataclass(frozen=True)
 class BakeResult:
-    """A scene image and what making it found."""
+    """A scene image, what making it found, and what the user should know of it."""
 
     image: bytes
     report: dict[str, object]
+    warnings: tuple[str, ...] = ()
+
+
+TARGET_SHARE = 4 / 7
+"""Share of the tolerance at which refining aims: it looks at points half a voxel apart, errors peak between them."""
+TRIES_MAX = 8
+"""Voxel sizes that are tried for an image that fits."""
+NOISE_TRIANGLES = 300
+NOISE_SHARE = 0.05
+"""Creases that end within a smooth patch, or patches, over this share of the edges or triangles: noise, not design."""
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """Lengths in m that a bake works with; target: at which refining aims."""
+
+    voxel_m: float
+    spacing_m: float
+    tolerance_m: float
+    target_m: float
 
 
 def default_spacing_m(tool: Mesh) -> float:
@@ -62,19 +86,47 @@ def _rounded(value: float) -> float:
     return float(f"{value:.1e}")
 
 
-def _check(options: BakeOptions, static: Mesh, tool: Mesh) -> tuple[float, float, float]:
+def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
     spacing = options.spacing_m or default_spacing_m(tool)
     voxel = options.voxel_m or default_voxel_m(static, spacing)
-    tolerance = options.tolerance_m or voxel / 7
+    tolerance = options.tolerance_m or voxel / 4
     for name, value in (("--spacing", spacing), ("--voxel", voxel), ("--tolerance", tolerance)):
         if not (math.isfinite(value) and value > 0):
             raise MeshError(f"{name} {value}: must be a positive length")
     span = float(np.ptp(tool.vertices_m, axis=0).max())
     if spacing > span:
         raise MeshError(
-            f"--spacing {spacing:g} m is larger than the tool ({span:g} m): use a smaller one"
+            f"--spacing {format_length(spacing)} is larger than the tool ({format_length(span)}): use a smaller one"
         )
-    return voxel, spacing, tolerance
+    return _sizes_at(voxel, spacing, options)
+
+
+def _sizes_at(voxel_m: float, spacing_m: float, options: BakeOptions) -> _Sizes:
+    if options.tolerance_m:
+        return _Sizes(voxel_m, spacing_m, options.tolerance_m, TARGET_SHARE * options.tolerance_m)
+    return _Sizes(voxel_m, spacing_m, voxel_m / 4, voxel_m / 7)
+
+
+def noise_warning(surface: Surface, crease_angle_deg: float) -> list[str]:
+    """What is said of a static mesh whose creases are noise: an edge that turns sharply and leads nowhere."""
+    creases, triangles = surface.creases, len(surface.mesh.triangles)
+    edges = sum(surface.counts[f"{name}_edges"] for name in ("smooth", "convex", "concave"))
+    count = len(creases.convex)
+    loose = int(np.count_nonzero(creases.patch[:, 0] == creases.patch[:, 1]))
+    patches = surface.counts["patches"]
+    if triangles < NOISE_TRIANGLES or (
+        loose < NOISE_SHARE * edges and patches < NOISE_SHARE * triangles
+    ):
+        return []
+    for angle in (45.0, 60.0, 75.0, 90.0):
+        left = int(np.count_nonzero(creases.angle_rad >= math.radians(angle)))
+        if angle > crease_angle_deg and left < 0.1 * count:
+            break
+    return [
+        f"{surface.mesh.source}: {count:,} of {edges:,} edges are sharper than --crease-angle {crease_angle_deg:g}, "
+        f"and {loose:,} of them lead nowhere: this looks like noise; --crease-angle {angle:g} leaves {left:,}, "
+        "or smooth the mesh"
+    ]
 
 
 def _pairs(surface: Surface) -> npt.NDArray[Any]:
@@ -171,18 +223,20 @@ def bake_scene(
 ) -> BakeResult:
     """Make the scene image of a static mesh and a tool mesh (closed, metres).
 
-    Errors: MeshError when the sizes do not fit together.
+    Errors: MeshError when the sizes do not fit together, or would take more memory than they may.
     """
     options = options or BakeOptions()
     report = progress or (lambda _label, _part: None)
     start_s = time.perf_counter()
-    voxel_m, spacing_m, tolerance_m = _check(options, static, tool)
+    memory_max = options.memory_max_bytes or default_memory_max()
+    sizes = _sizes(options, static, tool)
+    check_spacing(tool, sizes.spacing_m, memory_max)
+    check_grid(static, sizes.voxel_m, grid_cells(static, sizes.voxel_m), memory_max)
     report("features", 0.0)
     surface = make_surface(static, options.crease_angle_deg)
     report("shell", 0.0)
-    shell = make_shell(make_surface(tool, options.crease_angle_deg), spacing_m)
-    near_m = max(0.55 * shell.h_max_m, 0.5 * voxel_m)
-    voxmap = make_voxmap(surface, voxel_m, near_m, tolerance_m, report)
+    shell = make_shell(make_surface(tool, options.crease_angle_deg), sizes.spacing_m)
+    sizes, voxmap, notes = _fitting_voxmap(surface, shell, sizes, options, memory_max, report)
     meta = _meta(surface, voxmap, shell, tool, options)
     image = _assemble(surface, voxmap, shell, meta)
     report("measuring", 0.0)
@@ -190,14 +244,20 @@ def bake_scene(
     for name, value in errors.items():
         meta[name] = value
     image = _assemble(surface, voxmap, shell, meta)
+    notes += noise_warning(surface, options.crease_angle_deg)
+    if errors["error_max_m"] > sizes.tolerance_m:
+        notes.append(
+            f"the distance error near the surface is {format_length(errors['error_max_m'])}, more than the tolerance "
+            f"of {format_length(sizes.tolerance_m)}: refining ends at 1/4 voxel; use a smaller --voxel"
+        )
     return BakeResult(
         image.tobytes(),
         {
             "seconds": round(time.perf_counter() - start_s, 3),
             "image_bytes": len(image),
             "voxel_m": voxmap.grid.voxel_m,
-            "spacing_m": spacing_m,
-            "tolerance_m": tolerance_m,
+            "spacing_m": sizes.spacing_m,
+            "tolerance_m": sizes.tolerance_m,
             **errors,
             "bricks_by_level": voxmap.levels,
             "cells_by_kind": voxmap.kind_counts,
@@ -205,4 +265,48 @@ def bake_scene(
             "points": shell.points,
             "clusters": len(shell.clusters),
         },
+        tuple(notes),
     )
+
+
+def _fitting_voxmap(
+    surface: Surface,
+    shell: Shell,
+    sizes: _Sizes,
+    options: BakeOptions,
+    memory_max: int,
+    report: Progress,
+) -> tuple[_Sizes, Voxmap, list[str]]:
+    """The voxmap, with voxels as large as it takes to stay within --image-max, and what is said of that."""
+    room = options.image_max_bytes
+    first_m = sizes.voxel_m
+    shell_bytes = _bytes_of(shell.clusters, shell.sums, shell.groups, shell.adj_start, shell.adj)
+    if room is not None and 1.05 * shell_bytes > room:
+        raise MeshError(
+            f"the shell of the tool alone takes {format_size(shell_bytes)} of --image-max {format_size(room)}; "
+            "use a larger --spacing"
+        )
+    for _ in range(TRIES_MAX):
+        near_m = max(0.55 * shell.h_max_m, 0.5 * sizes.voxel_m)
+        voxmap = make_voxmap(surface, sizes.voxel_m, near_m, sizes.target_m, report, memory_max)
+        rest = _bytes_of(
+            voxmap.top, voxmap.bricks, voxmap.samples, voxmap.cells, voxmap.kinds, voxmap.facets
+        )
+        rest += 40 * len(surface.creases.convex) + 4096
+        if room is None or shell_bytes + rest <= room:
+            note = (
+                f"--image-max {format_size(room)}: voxels of {format_length(sizes.voxel_m)} "
+                f"instead of {format_length(first_m)}"
+                if room is not None and sizes.voxel_m > first_m
+                else None
+            )
+            return sizes, voxmap, [note] if note else []
+        voxel_m = _rounded(1.05 * sizes.voxel_m * math.sqrt(max(1.1, rest / (room - shell_bytes))))
+        sizes = _sizes_at(voxel_m, sizes.spacing_m, options)
+    raise MeshError(
+        f"the image does not get below --image-max {format_size(room or 0)}; use a larger --spacing"
+    )
+
+
+def _bytes_of(*parts: npt.NDArray[Any]) -> int:
+    return sum(part.nbytes for part in parts)

@@ -13,6 +13,11 @@ from crease.base.native import lib
 
 F64 = npt.NDArray[np.float64]
 
+KINDS_MAX = 0x10000
+"""Rows that an entry of a cell table can tell apart."""
+MERGE_STEPS = 6
+"""How often rows are merged more coarsely, until they fit."""
+
 
 class Kinds:
     """The table of what cells see, without repetition, and the facets it names."""
@@ -73,6 +78,58 @@ class Kinds:
             row["normal"], row["offset_m"] = plane[:3], plane[3]
             row["patch"], row["curved"] = patch, curved
         return kinds, planes
+
+    def merged(self, voxel_m: float) -> npt.NDArray[np.int32]:
+        """The new index of every row, after alike rows became one so that at most KINDS_MAX are left.
+
+        Rows of MIXED cells are alike when their facets have the same patches, and nearly the same normals and offsets;
+        how nearly is relaxed until the rows fit. Then flat facets of a curved patch stand for the patch.
+        """
+        index = np.arange(len(self._rows), dtype=np.int32)
+        for step in range(MERGE_STEPS):
+            if len(self._rows) <= KINDS_MAX:
+                break
+            coarse = step + 1 < MERGE_STEPS
+            keys = [
+                self._alike(row, voxel_m * 2.0**step, 0.05 * 2.0**step, coarse)
+                for row in self._rows
+            ]
+            first: dict[Any, int] = {}
+            kept: list[tuple[int, tuple[int, ...]]] = []
+            place = np.empty(len(keys), np.int32)
+            for i, key in enumerate(keys):
+                if key not in first:
+                    first[key] = len(kept)
+                    kept.append(self._rows[i] if coarse else self._whole_patch(self._rows[i]))
+                place[i] = first[key]
+            self._rows, index = kept, place[index]
+            self._index = {row: i for i, row in enumerate(kept)}
+        if len(self._rows) > KINDS_MAX:
+            index = np.minimum(index, KINDS_MAX - 1)
+            self._rows = self._rows[:KINDS_MAX]
+        return index
+
+    def _whole_patch(self, row: tuple[int, tuple[int, ...]]) -> tuple[int, tuple[int, ...]]:
+        """The row, or that of the patch when it sees one flat facet of it."""
+        if row[0] != int(lib.CR_KIND_PLANAR):
+            return row
+        return int(lib.CR_KIND_CURVED), (self.curved(self._planes[row[1][0]][1]),)
+
+    def _alike(
+        self, row: tuple[int, tuple[int, ...]], offset_m: float, turn: float, coarse: bool
+    ) -> Any:
+        """What rows that may become one have in common."""
+        kind, facets = row
+        if kind == int(lib.CR_KIND_MIXED):
+            seen = []
+            for facet in facets:
+                plane, patch, _ = self._planes[facet]
+                bins = np.rint(plane / [turn, turn, turn, offset_m]).astype(int).tolist()
+                seen.append((patch, *(bins if coarse else ())))
+            return kind, tuple(seen)
+        if kind == int(lib.CR_KIND_PLANAR) and not coarse:
+            return int(lib.CR_KIND_CURVED), self._planes[facets[0]][1]
+        return row
 
     def row(self, index: int) -> tuple[int, tuple[int, ...]]:
         """Kind and facets of a table row."""

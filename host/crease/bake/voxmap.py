@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from crease.bake.kinds import Kinds, convex_distance
+from crease.bake.kinds import KINDS_MAX, Kinds, convex_distance
 from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX, LEVEL_MAX
+from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.mesh.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -34,6 +36,8 @@ REACH_VOXELS = 4
 """Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more looks."""
 BRICKS_MAX = 1_000_000
 GRID_MAX = 200_000_000
+BLOCK = 16_384
+"""Bricks whose points are in memory at once. Blocks of points start anew as those of threads do (surface.py)."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,12 @@ class Voxmap:
     crease_m: float
     levels: dict[int, int]
     kind_counts: dict[str, int]
+
+
+def grid_cells(mesh: Mesh, voxel_m: float) -> float:
+    """About how many bricks the grid of a mesh has."""
+    size = np.ptp(mesh.vertices_m, axis=0)
+    return float(np.prod(size / (CELLS_SIDE * voxel_m) + 2.0 + 2.0 * REACH_VOXELS / CELLS_SIDE))
 
 
 def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
@@ -344,18 +354,22 @@ def refine(
     fine = 2 * CELLS_SIDE
     centres = lattice(fine, 0.5 / fine, 1 - 0.5 / fine)
     samples = {int(i): phi[i] for i in candidates}
+    # A mean of eight corners of a cell is no farther from the distance anywhere in it than the cell is long.
+    far_m = grid.near_m + math.sqrt(3.0) * grid.voxel_m
     for next_level in range(BASE_LEVEL + 1, LEVEL_MAX + 1):
         still = []
         for part in np.array_split(candidates, max(1, len(candidates) // 256)):
             if len(part) == 0:
                 continue
-            exact, _ = surface.signed_distance(brick_points(grid, where[part], centres))
-            exact = exact.reshape(len(part), -1)
             value = np.concatenate([trilinear(samples[int(i)][None], centres) for i in part])
-            matters = (np.abs(exact) < grid.near_m) & ~exact_kind[_doubled(cells[part])].reshape(
+            asked = (np.abs(value) < far_m) & ~exact_kind[_doubled(cells[part])].reshape(
                 len(part), -1
             )
-            bad = (np.abs(value - exact) > tolerance_m) & matters
+            exact, _ = surface.signed_distance(brick_points(grid, where[part], centres)[asked])
+            bad = np.zeros(asked.shape, bool)
+            bad[asked] = (np.abs(value[asked] - exact) > tolerance_m) & (
+                np.abs(exact) < grid.near_m
+            )
             still.append(part[bad.any(axis=1)])
         candidates = np.concatenate(still) if still else candidates[:0]
         at = lattice(2**next_level + 1)
@@ -373,8 +387,12 @@ def make_voxmap(
     near_m: float,
     tolerance_m: float,
     progress: Callable[[str, float], None],
+    memory_max: int,
 ) -> Voxmap:
-    """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered."""
+    """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered.
+
+    Errors: MeshError when it would take more than memory_max bytes.
+    """
     grid = make_grid(surface, voxel_m, near_m)
     near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, grid.reach_m)
     where = np.argwhere(near)[:, ::-1]
@@ -383,12 +401,8 @@ def make_voxmap(
             f"{surface.mesh.source}: {len(where):,} bricks near the surface, at most {BRICKS_MAX:,} fit;"
             " use a larger --voxel"
         )
-    base = lattice(2**BASE_LEVEL + 1)
-    phi, triangle = surface.signed_distance(
-        brick_points(grid, where, base), lambda part: progress("distances", part)
-    )
-    phi = phi.reshape(-1, *(2**BASE_LEVEL + 1,) * 3)
-    facet = surface.facet_of[triangle].reshape(phi.shape)
+    check_bricks(surface.mesh, voxel_m, len(where), float(np.prod(grid.dims)), memory_max)
+    phi, facet = _base_samples(surface, grid, where, lambda part: progress("distances", part))
     sorter = CellSorter(surface, grid, tolerance_m)
     cells = sorter.sort(where, phi, facet, lambda part: progress("creases", part))
     band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.reach_m
@@ -401,6 +415,8 @@ def make_voxmap(
         lambda points: surface.signed_distance(points)[0],
     )
     planes = find_planes(bricks_near, sorter.kinds, quantum)
+    if len(sorter.kinds) > KINDS_MAX:
+        cells, planes = _merged(sorter.kinds, cells, planes, voxel_m)
     kinds, facets = sorter.kinds.records()
     level = choose_levels(phi, tolerance_m)
     finer = refine(
@@ -438,6 +454,39 @@ def make_voxmap(
     )
 
 
+def _merged(
+    kinds: Kinds, cells: I32, planes: BrickPlanes, voxel_m: float
+) -> tuple[I32, BrickPlanes]:
+    """Cells and planes of bricks with fewer kinds; a brick whose kind has lost its planes has none."""
+    place = kinds.merged(voxel_m)
+    plane_kinds = (lib.CR_KIND_PLANAR, lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE)
+    has_planes = np.array([kinds.row(i)[0] in plane_kinds for i in range(len(kinds))])
+    least, most = (np.where(has_planes[place[k]], place[k], 0) for k in (planes.least, planes.most))
+    return place[cells], BrickPlanes(least.astype(np.int32), most.astype(np.int32))
+
+
+def _base_samples(
+    surface: Surface, grid: Grid, where: npt.NDArray[np.int64], tick: Tick
+) -> tuple[F64, I32]:
+    """Distances and nearest facets at the corners of the voxels of bricks, (n, 9, 9, 9) each."""
+    base, shape = lattice(2**BASE_LEVEL + 1), (2**BASE_LEVEL + 1,) * 3
+    phi, facet = np.empty((len(where), *shape)), np.empty((len(where), *shape), np.int32)
+    for first in range(0, len(where), BLOCK):
+        rows = slice(first, first + BLOCK)
+        share, done = min(1.0, BLOCK / len(where)), first / len(where)
+        distance, triangle = surface.signed_distance(
+            brick_points(grid, where[rows], base), _part_of(tick, done, share)
+        )
+        phi[rows] = distance.reshape(-1, *shape)
+        facet[rows] = surface.facet_of[triangle].reshape(-1, *shape)
+    return phi, facet
+
+
+def _part_of(tick: Tick, done: float, share: float) -> Tick:
+    """Progress of a part of the work, of which some was done before."""
+    return lambda part: tick(done + share * part)
+
+
 def _pack_bricks(
     phi: F64,
     finer: dict[int, F64],
@@ -447,10 +496,6 @@ def _pack_bricks(
     kinds: npt.NDArray[Any],
     quantum_m: float,
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
-    if len(kinds) > 0x10000:
-        raise MeshError(
-            f"{len(kinds):,} different crease cells, at most 65,535 fit: use a larger --voxel"
-        )
     creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
     parts: list[npt.NDArray[np.int16]] = []

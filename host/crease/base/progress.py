@@ -20,6 +20,8 @@ class Progress:
         self._start_s = time.monotonic()
         self._drawn_s = 0.0
         self._shown = False
+        self._label = ""
+        self._label_s = self._start_s
 
     def __enter__(self) -> Progress:
         return self
@@ -32,11 +34,21 @@ class Progress:
     def __call__(self, label: str, part: float) -> None:
         """Show that `part` (0..1) of the work `label` is done."""
         now_s = time.monotonic()
+        if label != self._label:
+            self._label, self._label_s = label, now_s
         if not self._live or now_s - self._start_s < _DELAY_S or now_s - self._drawn_s < _REDRAW_S:
             return
         part = min(max(part, 0.0), 1.0)
         bar = "#" * round(part * _WIDTH)
-        self._stream.write(f"\r\x1b[K{label:<18.18s} [{bar:<{_WIDTH}s}] {part:4.0%}")
+        left = _left_text(now_s - self._label_s, part)
+        self._stream.write(f"\r\x1b[K{label:<18.18s} [{bar:<{_WIDTH}s}] {part:4.0%}{left}")
         self._stream.flush()
         self._drawn_s = now_s
         self._shown = True
+
+
+def _left_text(spent_s: float, part: float) -> str:
+    """How long a work takes on, by what it took so far; nothing while that says little."""
+    if spent_s < _DELAY_S or part < 0.05 or part >= 1.0:
+        return ""
+    return f", {spent_s * (1.0 - part) / part:.0f} s left"

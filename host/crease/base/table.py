@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -45,6 +46,32 @@ def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
         raise CreaseError(f"{path}: exists already; give --force to replace it")
     if not path.absolute().parent.is_dir():
         raise CreaseError(f"{path}: there is no folder {path.parent}; make it first")
+
+
+@contextlib.contextmanager
+def claim(path: Path) -> Iterator[None]:
+    """Hold an output for this process until the work is done.   Errors: CreaseError when another one holds it."""
+    lock = path.absolute().with_name(f".{path.name}.lock")
+    try:
+        handle = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
+    except OSError as error:
+        raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            here = lock.exists() and os.path.samestat(os.fstat(handle), lock.stat())
+        except OSError:
+            here = False
+        if not here:
+            raise CreaseError(
+                f"{path}: is being written by another `crease`; wait for it, or name another output"
+            )
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
+    finally:
+        os.close(handle)
 
 
 def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:

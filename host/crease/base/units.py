@@ -1,4 +1,4 @@
-"""Lengths as a person writes them: `2mm`, `0.1 mm`, `1in`, `0.5` (metres)."""
+"""Lengths and sizes as a person writes them: `2mm`, `0.1 mm`, `1in`, `0.5` (of a unit said elsewhere), `1.9MiB`."""
 
 from __future__ import annotations
 
@@ -35,18 +35,52 @@ def parse_unit(text: str) -> float:
     return METRES[name]
 
 
-def parse_length(text: str) -> float:
-    """A positive length in m from a number with a unit; a bare number is in metres.
+def parse_length(text: str, bare_m: float = 1.0) -> float:
+    """A positive length in m from a number with a unit; a bare number counts units of `bare_m` metres.
 
     Errors: UnitError when it is not a number, has an unknown unit, or is not positive and finite.
     """
     match = _LENGTH.match(text)
     if match is None:
-        raise UnitError(f"length '{text}' is not a number with a unit; write it like 2mm or 0.002")
-    length_m = float(match["number"]) * (parse_unit(match["unit"]) if match["unit"] else 1.0)
+        raise UnitError(f"length '{text}' is not a number with a unit; write it like 2mm")
+    length_m = float(match["number"]) * (parse_unit(match["unit"]) if match["unit"] else bare_m)
     if not math.isfinite(length_m) or length_m <= 0.0:
-        raise UnitError(f"length '{text}' is not positive; write it like 2mm or 0.002")
+        raise UnitError(f"length '{text}' is not positive; write it like 2mm")
     return length_m
+
+
+BYTES: dict[str, int] = {
+    "b": 1,
+    "kb": 10**3,
+    "mb": 10**6,
+    "gb": 10**9,
+    "kib": 2**10,
+    "mib": 2**20,
+    "gib": 2**30,
+}
+"""Bytes of one unit of size, by its name in lower case."""
+
+
+def parse_size(text: str) -> int:
+    """Bytes from a number with a unit such as 4GiB or 500MB.
+
+    Errors: UnitError when it is not a number with a unit, or not positive and finite.
+    """
+    match = _LENGTH.match(text)
+    if match is None or match["unit"].lower() not in BYTES:
+        raise UnitError(f"size '{text}' is not a number with a unit; write it like 4GiB or 500MB")
+    size = float(match["number"]) * BYTES[match["unit"].lower()]
+    if not math.isfinite(size) or size < 1.0:
+        raise UnitError(f"size '{text}' is not positive; write it like 4GiB or 500MB")
+    return int(size)
+
+
+def format_size(size_bytes: float) -> str:
+    """A size for a person: three digits and a unit that suits it."""
+    for name, unit in (("GiB", 2**30), ("MiB", 2**20), ("KiB", 2**10)):
+        if size_bytes >= unit:
+            return f"{size_bytes / unit:.3g} {name}"
+    return f"{size_bytes:.0f} B"
 
 
 def format_length(length_m: float) -> str:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from crease.base.errors import MeshError
 from crease.base.table import describe
 from crease.base.units import METRES, format_length
-from crease.mesh.mend import mend_surface
+from crease.mesh.mend import Wishes, mend_surface
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
 """Formats that are read."""
@@ -44,10 +44,16 @@ class Mesh:
 
 
 def load_mesh(
-    path: Path, unit_m: float, progress: Callable[[str, float], None] = lambda _label, _part: None
+    path: Path,
+    unit_m: float,
+    progress: Callable[[str, float], None] = lambda _label, _part: None,
+    *,
+    sheet_m: float | None = None,
+    strict: bool = False,
 ) -> Mesh:
     """Read, scale, check and mend a mesh file whose coordinates are in units of `unit_m` metres.
 
+    sheet_m: how thick open sheets are made; None: they are left out or refused. strict: refuse what has to be mended.
     Output: warnings tell every mend with its counts, each beginning with the file.
     Errors: MeshError for what cannot be read or mended; the text says what and the mend.
     Cost: 6 s and 1 GB for a million triangles of STL.
@@ -56,7 +62,7 @@ def load_mesh(
     progress(label, 0.0)
     source = _read_bytes(path)
     digest = hashlib.sha256(source).hexdigest()
-    vertices, triangles = _parse(path, source)
+    vertices, triangles = _parse_whole(path, source)
     del source
     return make_mesh(
         vertices,
@@ -65,6 +71,8 @@ def load_mesh(
         source=str(path),
         digest_sha256=digest,
         progress=lambda part: progress(label, 0.3 + 0.7 * part),
+        sheet_m=sheet_m,
+        strict=strict,
     )
 
 
@@ -76,8 +84,10 @@ def make_mesh(
     source: str = "mesh",
     digest_sha256: str | None = None,
     progress: Callable[[float], None] = lambda _part: None,
+    sheet_m: float | None = None,
+    strict: bool = False,
 ) -> Mesh:
-    """A mesh from arrays (n, 3) and (m, 3), with the same checks and mends as a file.
+    """A mesh from arrays (n, 3) and (m, 3), with the same checks and mends as a file; options as for load_mesh.
 
     Errors: MeshError.
     """
@@ -91,9 +101,14 @@ def make_mesh(
     vertices_m = points * unit_m
     hint = _check_size(vertices_m[corners.reshape(-1)], unit_m, source)
     try:
-        vertices_m, faces, notes = mend_surface(vertices_m, corners.astype(np.int32), progress)
+        wishes = Wishes(unit_m, sheet_m)
+        vertices_m, faces, notes = mend_surface(
+            vertices_m, corners.astype(np.int32), progress, wishes
+        )
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
+    if strict and notes:
+        raise MeshError(f"{source}: {notes[0]}; --strict refuses what has to be mended")
     warnings = tuple(f"{source}: {note}" for note in (*hint, *notes))
     return Mesh(vertices_m, faces, digest_sha256, source, warnings, unit_m)
 
@@ -108,6 +123,37 @@ def _read_bytes(path: Path) -> bytes:
     if not source:
         raise MeshError(f"{path}: is an empty file; export it again")
     return source
+
+
+def read_arrays(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Vertices (n, 3) in units of the file and triangles (m, 3) as they stand in a file.   Errors: MeshError."""
+    vertices, triangles = _parse_whole(path, _read_bytes(path))
+    points = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
+    corners = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
+    _check_numbers(points, corners, str(path))
+    return points, corners
+
+
+def _parse_whole(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    _check_whole(path, source)
+    return _parse(path, source)
+
+
+def _check_whole(path: Path, source: bytes) -> None:
+    """Refuse a binary STL that ends before its last triangle."""
+    head, record = 84, 50
+    if path.suffix.lower() != ".stl" or (
+        source[:5].lower() == b"solid" and b"facet" in source[:2000]
+    ):
+        return
+    count = int.from_bytes(source[80:84], "little") if len(source) >= head else 0
+    if len(source) < head or len(source) < head + record * count:
+        held = max(0, len(source) - head) // record
+        raise MeshError(
+            f"{path}: is cut off: it holds {held:,} of {count:,} triangles; copy or export it again"
+            if len(source) >= head
+            else f"{path}: is cut off: {len(source)} bytes are less than the head of an STL; copy or export it again"
+        )
 
 
 def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
@@ -126,7 +172,8 @@ def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any
     except (
         Exception
     ) as error:  # the readers of the formats raise whatever a damaged file leads them to
-        reason = describe(error)[:160]
+        # A reader that does not know what it sees asks for ever more packages.
+        reason = "is damaged" if isinstance(error, ImportError) else describe(error)[:160]
         raise MeshError(
             f"{path}: cannot be read as {path.suffix}: {reason}; export it again"
         ) from error

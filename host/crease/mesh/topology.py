@@ -233,24 +233,38 @@ def boundary_loops(triangles: Triangles, vertex_count: int) -> list[list[int]] |
     return loops
 
 
-def self_intersections(
+def crossing_pairs(
     vertices: Vertices, triangles: Triangles, tolerance_m: float
-) -> tuple[int, tuple[int, int]]:
-    """Number of pairs of triangles that pass through each other, and one of them.
+) -> npt.NDArray[np.int32]:
+    """Pairs of triangles that pass through each other, (n, 2).
 
     Passages shallower than `tolerance_m`, overlaps inside one plane and pairs that share an edge are not seen.
     Cost: 1 s for a million triangles.
     """
-    first = ffi.new("int32_t[2]", [-1, -1])
     points = np.ascontiguousarray(vertices, dtype=np.float64)
     corners = np.ascontiguousarray(triangles, dtype=np.int32)
-    count = lib.cr_mesh_self_intersections(
-        ffi.from_buffer("double[]", points),
-        ffi.from_buffer("int32_t[]", corners),
-        len(corners),
-        tolerance_m,
-        first,
-    )
-    if count < 0:
-        raise MemoryError
-    return int(count), (int(first[0]), int(first[1]))
+    room = 1024
+    while True:
+        pairs = np.empty((room, 2), np.int32)
+        count = lib.cr_mesh_self_intersections(
+            ffi.from_buffer("double[]", points),
+            ffi.from_buffer("int32_t[]", corners),
+            len(corners),
+            tolerance_m,
+            ffi.from_buffer("int32_t[]", pairs.reshape(-1)),
+            room,
+        )
+        if count < 0:
+            raise MemoryError
+        if count <= room:
+            return pairs[:count]
+        room = int(count)
+
+
+def self_intersections(
+    vertices: Vertices, triangles: Triangles, tolerance_m: float
+) -> tuple[int, tuple[int, int]]:
+    """Number of pairs of triangles that pass through each other, and one of them; see crossing_pairs."""
+    pairs = crossing_pairs(vertices, triangles, tolerance_m)
+    one, other = pairs[-1].tolist() if len(pairs) else (-1, -1)
+    return len(pairs), (one, other)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from crease.base.errors import MeshError
 from crease.base.progress import Progress
-from crease.base.table import check_suffix, check_target, write_bytes
+from crease.base.table import check_suffix, check_target, claim, write_bytes
 from crease.base.units import format_length
 from crease.verbs.common import (
     SubParsers,
@@ -17,9 +20,14 @@ from crease.verbs.common import (
     number,
     print_json,
     print_lines,
+    size,
     unit,
     warn,
 )
+
+if TYPE_CHECKING:
+    from crease.bake.bake import BakeOptions
+    from crease.mesh.mesh import Mesh
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -53,7 +61,7 @@ def add_parser(sub: SubParsers) -> None:
         "--voxel",
         metavar="LENGTH",
         type=length,
-        help="side of a voxel, such as 2mm; a bare number is metres (default: the spacing, at least 1/600 of STATIC)",
+        help="side of a voxel, such as 2mm; a bare number is in --unit (default: the spacing, 1/600 of STATIC or more)",
     )
     parser.add_argument(
         "--spacing",
@@ -72,7 +80,30 @@ def add_parser(sub: SubParsers) -> None:
         "--tolerance",
         metavar="LENGTH",
         type=length,
-        help="refine until the distance error near the surface is below this (default: 1/7 voxel)",
+        help="refine until the distance error near the surface is below this (default: 1/4 voxel)",
+    )
+    parser.add_argument(
+        "--sheet",
+        metavar="LENGTH",
+        type=length,
+        help="make open sheets this thick (default: refuse them, or leave them out beside solids)",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse meshes that have to be mended, and a tolerance that was not reached",
+    )
+    parser.add_argument(
+        "--image-max",
+        metavar="SIZE",
+        type=size,
+        help="choose voxels for an image of at most this size, such as 1.9MiB",
+    )
+    parser.add_argument(
+        "--memory-max",
+        metavar="SIZE",
+        type=size,
+        help="refuse work that takes more memory (default: half of this machine's)",
     )
     add_json(parser)
     add_force(parser)
@@ -81,31 +112,28 @@ def add_parser(sub: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for meshes that cannot be mended, or an output that cannot be written."""
-    from crease.bake.bake import BakeOptions, bake_scene
+    from crease.bake.bake import bake_scene
     from crease.bake.bodies import bodies_path, write_bodies
-    from crease.mesh.mesh import load_mesh
 
     check_suffix(args.output, (".crs",))
-    check_target(args.output, args.force, (args.static, args.tool))
-    check_target(bodies_path(args.output), args.force)
-    start_s = time.monotonic()
-    with Progress() as progress:
-        static = load_mesh(args.static, args.unit, progress)
-        tool = load_mesh(args.tool, args.tool_unit or args.unit, progress)
-        warn([*static.warnings, *tool.warnings])
-        options = BakeOptions(
-            voxel_m=args.voxel,
-            spacing_m=args.spacing,
-            crease_angle_deg=args.crease_angle,
-            tolerance_m=args.tolerance,
-        )
-        result = bake_scene(static, tool, options, progress)
-    bodies = write_bodies(args.output, static, tool)
-    write_bytes(args.output, result.image)
+    with claim(args.output):
+        check_target(args.output, args.force, (args.static, args.tool))
+        check_target(bodies_path(args.output), args.force)
+        start_s = time.monotonic()
+        with Progress() as progress:
+            static, tool = read_meshes(args, progress)
+            warnings = [*static.warnings, *tool.warnings]
+            warn(warnings)
+            result = bake_scene(static, tool, bake_options(args), progress)
+        warn(result.warnings)
+        if args.strict and result.warnings:
+            raise MeshError(f"{result.warnings[0]}; --strict refuses that")
+        bodies = write_bodies(args.output, static, tool)
+        write_bytes(args.output, result.image)
     report = {
         "output": str(args.output),
         "meshes": str(bodies),
-        "warnings": [*static.warnings, *tool.warnings],
+        "warnings": [*warnings, *result.warnings],
         "time_s": round(time.monotonic() - start_s, 3),
         **describe(result.image, str(args.output)),
         "bake": result.report,
@@ -114,6 +142,33 @@ def run(args: argparse.Namespace) -> None:
         print_json(report)
     else:
         print_report(report)
+
+
+def read_meshes(args: argparse.Namespace, progress: Progress) -> tuple[Mesh, Mesh]:
+    """STATIC and TOOL of the command line.   Errors: MeshError."""
+    from crease.mesh.mesh import load_mesh
+
+    sheet_m = args.sheet(args.unit) if args.sheet else None
+    static = load_mesh(args.static, args.unit, progress, sheet_m=sheet_m, strict=args.strict)
+    tool_unit = args.tool_unit or args.unit
+    return static, load_mesh(args.tool, tool_unit, progress, sheet_m=sheet_m, strict=args.strict)
+
+
+def bake_options(args: argparse.Namespace) -> BakeOptions:
+    """The options of the command line, bare numbers in the unit of STATIC."""
+    from crease.bake.bake import BakeOptions
+
+    def metres(option: Callable[[float], float] | None) -> float | None:
+        return option(args.unit) if option else None
+
+    return BakeOptions(
+        voxel_m=metres(args.voxel),
+        spacing_m=metres(args.spacing),
+        crease_angle_deg=args.crease_angle,
+        tolerance_m=metres(args.tolerance),
+        memory_max_bytes=args.memory_max,
+        image_max_bytes=args.image_max,
+    )
 
 
 def describe(image: bytes, source: str) -> dict[str, object]:

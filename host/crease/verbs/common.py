@@ -6,20 +6,29 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from crease.base.errors import CreaseError, UnitError
-from crease.base.units import parse_length, parse_unit
+from crease.base.units import parse_length, parse_size, parse_unit
 
 SubParsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
-def length(text: str) -> float:
-    """Type of an option that is a length: metres."""
+def length(text: str) -> Callable[[float], float]:
+    """Type of an option that is a length: gives metres when it is told the metres of a bare number."""
     try:
-        return parse_length(text)
+        parse_length(text)
+    except UnitError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return lambda bare_m: parse_length(text, bare_m)
+
+
+def size(text: str) -> int:
+    """Type of an option that is a size in memory or on disk: bytes."""
+    try:
+        return parse_size(text)
     except UnitError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 

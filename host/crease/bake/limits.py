@@ -1,0 +1,76 @@
+"""What a bake will take, estimated before the work starts, and refused when it is too much."""
+
+from __future__ import annotations
+
+import math
+import os
+
+import numpy as np
+
+from crease.base.errors import MeshError
+from crease.base.units import format_length, format_size
+from crease.mesh.mesh import Mesh
+from crease.mesh.topology import areas_m2
+
+SAMPLE_BYTES = 7_000
+"""Peak memory for each sample of a shell, measured on a cube and a ball of 100,000 samples; mostly its fine points."""
+BRICK_BYTES = 24_000
+"""Peak memory for each brick near the surface: 729 distances and facets, 512 cells, a share of finer samples."""
+GRID_BYTES = 40
+"""Peak memory for each brick of the whole grid: flags, the distance transform and the top level."""
+BASE_BYTES = 300_000_000
+"""Interpreter, libraries and both meshes."""
+
+
+def memory_of_machine() -> int:
+    """Bytes of memory of this machine."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def default_memory_max() -> int:
+    """Half the memory of the machine."""
+    return memory_of_machine() // 2
+
+
+def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:
+    """Errors: MeshError with the numbers when a shell of this spacing takes too much memory."""
+    area_m2 = float(areas_m2(tool.vertices_m, tool.triangles).sum())
+    samples = 1.2 * area_m2 / spacing_m**2
+    needs = BASE_BYTES + SAMPLE_BYTES * samples
+    if needs > memory_max:
+        fits_m = spacing_m * math.sqrt(SAMPLE_BYTES * samples / max(memory_max - BASE_BYTES, 1e6))
+        raise MeshError(
+            f"--spacing {format_length(spacing_m)} makes about {samples:,.0f} samples and takes about "
+            f"{format_size(needs)}, more than --memory-max {format_size(memory_max)}; "
+            f"use {format_length(_up(fits_m))} or more"
+        )
+
+
+def check_grid(static: Mesh, voxel_m: float, cells: float, memory_max: int) -> None:
+    """Errors: MeshError when the grid alone takes too much memory. cells: bricks of the whole grid."""
+    needs = BASE_BYTES + GRID_BYTES * cells
+    if needs > memory_max:
+        fits_m = voxel_m * (GRID_BYTES * cells / max(memory_max - BASE_BYTES, 1e6)) ** (1 / 3)
+        raise MeshError(
+            f"{static.source}: --voxel {format_length(voxel_m)} makes a grid of {cells:,.0f} bricks and takes about "
+            f"{format_size(needs)}, more than --memory-max {format_size(memory_max)}; "
+            f"use {format_length(_up(fits_m))} or more"
+        )
+
+
+def check_bricks(static: Mesh, voxel_m: float, bricks: int, cells: float, memory_max: int) -> None:
+    """Errors: MeshError when the bricks near the surface take too much memory."""
+    needs = BASE_BYTES + GRID_BYTES * cells + BRICK_BYTES * bricks
+    if needs > memory_max:
+        fits_m = voxel_m * math.sqrt(needs / max(memory_max - BASE_BYTES, 1e6))
+        raise MeshError(
+            f"{static.source}: --voxel {format_length(voxel_m)} makes {bricks:,} bricks near the surface and takes "
+            f"about {format_size(needs)}, more than --memory-max {format_size(memory_max)}; "
+            f"use {format_length(_up(fits_m))} or more"
+        )
+
+
+def _up(value: float) -> float:
+    """Two significant digits, not less than the value."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(np.ceil(value / step) * step)

@@ -1,0 +1,134 @@
+"""`crease check`: a report on mesh files, and a picture with the places marked."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crease.base.errors import CreaseError
+from crease.base.table import check_suffix, check_target
+from crease.base.units import METRES, format_length
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_json,
+    length,
+    number,
+    print_json,
+    print_lines,
+    unit,
+)
+
+if TYPE_CHECKING:
+    from crease.bake.check import Findings
+
+
+def add_parser(sub: SubParsers) -> None:
+    """The command line of the verb."""
+    parser = sub.add_parser(
+        "check",
+        help="report on meshes: closed, crossings, walls, edges, what `bake` would do",
+        description="Report on mesh files without baking them. Exit status 1 when one of them would be refused.",
+    )
+    parser.add_argument("meshes", metavar="MESH", type=Path, nargs="+", help="mesh file")
+    parser.add_argument(
+        "--unit", metavar="UNIT", type=unit, required=True,
+        help="of the files: nm, um, mm, cm, dm, m, in, ft",
+    )  # fmt: skip
+    parser.add_argument(
+        "--voxel", metavar="LENGTH", type=length, help="say whether walls are thicker than this"
+    )
+    parser.add_argument(
+        "--crease-angle", metavar="DEG", type=number(0.1, 179.0), default=30.0,
+        help="sharper edges are creases (default: 30)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sheet", metavar="LENGTH", type=length, help="make open sheets this thick"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="PNG", type=Path, help="a picture of what was found"
+    )
+    add_json(parser)
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Errors: CreaseError for what cannot be read or would be refused, after the whole report."""
+    from crease.bake.check import examine
+    from crease.draw.findings import draw_findings
+
+    if args.output is not None:
+        check_suffix(args.output, (".png",))
+        check_target(args.output, args.force)
+    sheet_m = args.sheet(args.unit) if args.sheet else None
+    voxel_m = args.voxel(args.unit) if args.voxel else None
+    findings = [examine(path, args.unit, args.crease_angle, sheet_m) for path in args.meshes]
+    if args.json:
+        print_json({"meshes": [one.report() for one in findings]})
+    else:
+        for one in findings:
+            print_lines(rows(one, voxel_m))
+    if args.output is not None:
+        draw_findings(findings, args.output)
+    refused = [one for one in findings if one.mesh is None]
+    if refused:
+        raise CreaseError(
+            f"{len(refused)} of {len(findings)} would be refused; {refused[0].reason}"
+        )
+
+
+def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
+    """The findings for a person."""
+    report = one.report()
+    name = next((n for n, metres in METRES.items() if metres == one.unit_m), "units")
+    size = " x ".join(f"{side / one.unit_m:.4g}" for side in report["size_m"])
+    lines = [
+        ("mesh", f"{one.source}: {report['triangles']:,} triangles, {size} {name}"),
+        ("closed", _closed(report)),
+        ("crossings", _with_place(f"{report['crossings']:,}", report["crossing_at"])),
+    ]
+    if one.mesh is not None:
+        wall = report["thinnest_wall_m"]
+        lines += [
+            (
+                "inside",
+                f"{report['volume_m3'] / one.unit_m**3:.4g} {name}^3, {report['shells']:,} shells",
+            ),
+            ("thinnest wall", _with_place(_wall(wall, voxel_m), report["thinnest_wall_at"])),
+            (
+                "sharpest edge",
+                _with_place(
+                    f"{math.degrees(one.sharpest_rad):.0f} deg", report["sharpest_edge_at"]
+                ),
+            ),
+            ("creases", f"{one.creases[0]:,} convex, {one.creases[1]:,} concave"),
+        ]
+    said = [text.removeprefix(f"{one.source}: ") for text in report["bake"]]
+    head = "takes it as it is" if one.mesh is not None else "refuses it"
+    return [*lines, *(("bake", text) for text in (said or [head]))]
+
+
+def _closed(report: dict[str, object]) -> str:
+    if report["closed"]:
+        return "yes"
+    text = f"no: {report['open_edges']:,} open edges, {report['branched_edges']:,} with three or more triangles"
+    return _with_place(text, report["open_at"])
+
+
+def _wall(wall_m: float | None, voxel_m: float | None) -> str:
+    if wall_m is None:
+        return "none"
+    text = format_length(float(f"{wall_m:.3g}"))
+    if voxel_m is not None:
+        text += f", {wall_m / voxel_m:.2g} voxels"
+        text += "" if wall_m > voxel_m else ": thinner than a voxel, refining has to see it"
+    return text
+
+
+def _with_place(text: str, place: object) -> str:
+    if not isinstance(place, list):
+        return text
+    return f"{text}, near ({', '.join(f'{x:.4g}' for x in place)})"

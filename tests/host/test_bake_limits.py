@@ -1,0 +1,164 @@
+"""`crease bake` before and round the work: memory, units of bare numbers, tolerances, two at once, noise."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.layout import read_sections
+from crease.bake.surface import make_surface
+from crease.base.native import lib
+from crease.base.scene import open_image
+from crease.base.units import parse_length, parse_size
+from crease.mesh.mesh import make_mesh
+from host_tools import Run
+
+
+def bake_args(folder: Path, block: Path, ball: Path) -> list[object]:
+    return ["bake", block, ball, "-o", folder / "out.crs", "--unit", "mm"]
+
+
+@pytest.mark.parametrize(
+    "option", [("--spacing", "0.01mm"), ("--voxel", "0.02mm"), ("--voxel", "1um")]
+)
+def test_too_much_memory_is_refused_at_once_with_the_numbers(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, option: tuple[str, str]
+) -> None:
+    start_s = time.monotonic()
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "2GiB")
+    assert time.monotonic() - start_s < 20.0
+    assert said.status == 1
+    assert said.err.count("\n") == 1
+    assert option[0] in said.err
+    assert "more than --memory-max 2 GiB; use " in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_size_that_a_refusal_names_fits(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    args = [*bake_args(tmp_path, block_stl, ball_stl), "--memory-max", "340MB"]
+    said = crease(*args, "--spacing", "0.2mm")
+    named = said.err.split("; use ")[1].removesuffix(" or more\n")
+    assert crease(*args, "--spacing", named, "--voxel", "5mm").status == 0
+
+
+def test_a_bare_number_is_in_the_unit_of_the_file(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    args = [*bake_args(tmp_path, block_stl, ball_stl), "--json", "--force"]
+    with_unit = crease(*args, "--voxel", "2mm", "--spacing", "1.5mm").json
+    bare = crease(*args, "--voxel", "2", "--spacing", "1.5").json
+    assert bare["bake"]["voxel_m"] == with_unit["bake"]["voxel_m"] == pytest.approx(2e-3, rel=1e-6)
+    assert bare["bake"]["spacing_m"] == with_unit["bake"]["spacing_m"]
+    assert parse_length("2", 1e-3) == pytest.approx(2e-3)
+    assert parse_length("2in", 1e-3) == pytest.approx(0.0508)
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("4GiB", 4 * 2**30), ("500MB", 500_000_000), ("1.9 MiB", 1992294)]
+)
+def test_sizes_are_bytes(text: str, size: int) -> None:
+    assert parse_size(text) == size
+
+
+def test_a_tolerance_that_is_missed_is_said_and_strictly_refused(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    args = [*bake_args(tmp_path, ball_stl, ball_stl), "--voxel", "4mm", "--spacing", "2mm"]
+    said = crease(*args, "--tolerance", "1nm", "--json")
+    assert said.status == 0
+    missed = [w for w in said.json["warnings"] if "more than the tolerance of" in w]
+    assert len(missed) == 1
+    strict = crease(*args, "--tolerance", "1nm", "--strict", "--force")
+    assert strict.status == 1
+    assert "--strict" in strict.err
+    reached = crease(*args, "--tolerance", "1mm", "--force", "--json")
+    assert reached.json["bake"]["error_max_m"] <= 1e-3
+    assert not any("tolerance" in w for w in reached.json["warnings"])
+
+
+def test_an_output_that_another_writes_is_refused_and_nothing_is_lost(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    """The other bake is played by this process: it holds the lock that `bake` takes."""
+    args = [*bake_args(tmp_path, block_stl, ball_stl), "--voxel", "4mm", "--spacing", "3mm"]
+    held = os.open(tmp_path / ".out.crs.lock", os.O_CREAT | os.O_RDWR)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    said = crease(*args)
+    assert said.status == 1
+    assert "is being written by another" in said.err
+    assert not (tmp_path / "out.crs").exists()
+    os.close(held)
+    assert crease(*args).status == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.crs", "out.crs.glb"]
+
+
+def test_a_truncated_stl_says_what_it_holds(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    cut = tmp_path / "cut.stl"
+    cut.write_bytes(ball_stl.read_bytes()[: 84 + 50 * 100 + 7])
+    said = crease("bake", block_stl, cut, "-o", tmp_path / "out.crs", "--unit", "mm")
+    assert said.status == 1
+    assert f"{cut}: is cut off: it holds 100 of 5,120 triangles" in said.err
+
+
+def test_noise_that_makes_creases_is_said_once() -> None:
+    ball = trimesh.creation.icosphere(4, radius=20.0)
+    shake = np.random.default_rng(3).normal(0.0, 0.35, ball.vertices.shape)
+    tool = trimesh.creation.box(extents=(10.0, 10.0, 10.0))
+    cube = make_mesh(tool.vertices, tool.faces, 1e-3, source="cube")
+    options = BakeOptions(voxel_m=4e-3, spacing_m=3e-3)
+    noisy = make_mesh(ball.vertices + shake, ball.faces, 1e-3, source="noisy")
+    said = [w for w in bake_scene(noisy, cube, options).warnings if "noise" in w]
+    assert len(said) == 1
+    assert "--crease-angle" in said[0]
+    clean = make_mesh(ball.vertices, ball.faces, 1e-3, source="clean")
+    assert not any("noise" in w for w in bake_scene(clean, cube, options).warnings)
+
+
+def test_an_image_gets_no_larger_than_wished() -> None:
+    ball = trimesh.creation.icosphere(4, radius=20.0)
+    mesh = make_mesh(ball.vertices, ball.faces, 1e-3, source="ball")
+    free = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3))
+    room = len(free.image) // 2
+    fitted = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room))
+    assert len(fitted.image) <= room
+    assert any("--image-max" in note for note in fitted.warnings)
+
+
+def test_creases_of_a_machined_part_are_not_noise() -> None:
+    part = trimesh.creation.box(extents=(20.0, 20.0, 20.0)).subdivide().subdivide().subdivide()
+    from crease.bake.bake import noise_warning
+
+    mesh = make_mesh(part.vertices, part.faces, 1e-3, source="part")
+    assert noise_warning(make_surface(mesh, 30.0), 30.0) == []
+
+
+@pytest.mark.parametrize("most", [400, 60])
+def test_kinds_of_cells_are_merged_until_they_fit(
+    monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """A noisy ball has thousands of kinds. Distances come from the samples and stay what they are."""
+    ball = trimesh.creation.icosphere(4, radius=20.0)
+    shake = np.random.default_rng(3).normal(0.0, 0.25, ball.vertices.shape)
+    mesh = make_mesh(ball.vertices + shake, ball.faces, 1e-3, source="noisy")
+    options = BakeOptions(voxel_m=4e-3, spacing_m=3e-3)
+    free = bake_scene(mesh, mesh, options)
+    for module in ("kinds", "voxmap"):
+        monkeypatch.setattr(f"crease.bake.{module}.KINDS_MAX", most)
+    merged = bake_scene(mesh, mesh, options)
+    sections = read_sections(np.frombuffer(merged.image, np.uint8))
+    kinds, cells = sections[int(lib.CR_SEC_KINDS)], sections[int(lib.CR_SEC_CELLS)]
+    assert len(read_sections(np.frombuffer(free.image, np.uint8))[int(lib.CR_SEC_KINDS)]) > most
+    assert len(kinds) <= most
+    assert cells.view(np.uint16).max() < len(kinds)
+    open_image(merged.image, "merged")
+    assert merged.report["error_max_m"] == pytest.approx(free.report["error_max_m"], rel=0.5)

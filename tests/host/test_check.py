@@ -1,0 +1,90 @@
+"""`crease check`: facts of meshes that are known beforehand, exit status, the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from crease.bake.check import thinnest_wall
+from crease.bake.surface import make_surface
+from crease.mesh.mesh import make_mesh
+from host_tools import Run
+
+
+@pytest.fixture
+def plate(tmp_path: Path) -> Path:
+    """100 x 60 x 2 mm."""
+    path = tmp_path / "plate.stl"
+    trimesh.creation.box(extents=[100, 60, 2]).export(path)
+    return path
+
+
+def test_a_clean_mesh_is_taken_as_it_is(plate: Path, crease: Run) -> None:
+    said = crease("check", plate, "--unit", "mm", "--voxel", "4", "--json")
+    assert said.status == 0
+    (one,) = said.json["meshes"]
+    assert one["closed"]
+    assert (one["crossings"], one["shells"], one["accepted"]) == (0, 1, True)
+    assert one["volume_m3"] == pytest.approx(12e-6)
+    assert one["thinnest_wall_m"] == pytest.approx(2e-3, rel=1e-3)
+    assert one["sharpest_edge_deg"] == pytest.approx(90.0)
+    assert (one["convex_creases"], one["concave_creases"]) == (12, 0)
+    assert one["bake"] == []
+    text = crease("check", plate, "--unit", "mm", "--voxel", "4").out
+    assert "thinnest wall  2 mm, 0.5 voxels: thinner than a voxel" in text
+    assert "takes it as it is" in text
+
+
+def test_what_is_wrong_is_counted_with_places_in_the_unit_of_the_file(
+    tmp_path: Path, crease: Run
+) -> None:
+    one, two = trimesh.creation.box(extents=[20] * 3), trimesh.creation.box(extents=[20] * 3)
+    two.apply_translation([7, 8, 9])
+    lid = one.triangles_center[:, 0] < -9.9
+    one.update_faces(~lid)
+    trimesh.util.concatenate([one, two]).export(tmp_path / "two.stl")
+    said = crease("check", tmp_path / "two.stl", "--unit", "mm", "--json")
+    assert said.status == 0
+    (found,) = said.json["meshes"]
+    assert not found["closed"]
+    assert found["open_edges"] == 4
+    assert found["open_at"][0] == pytest.approx(-10.0)
+    assert found["crossings"] > 0
+    assert np.all(np.abs(found["crossing_at"]) < 20.0)
+    assert any("closed 1 hole" in line or "closed 1 opening" in line for line in found["bake"])
+
+
+def test_a_mesh_that_would_be_refused_is_told_after_the_others(
+    tmp_path: Path, plate: Path, crease: Run
+) -> None:
+    flat = tmp_path / "flat.stl"
+    trimesh.Trimesh(
+        [[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]], [[0, 1, 2], [0, 2, 3]]
+    ).export(flat)
+    said = crease("check", flat, plate, "--unit", "mm")
+    assert said.status == 1
+    assert "1 of 2 would be refused" in said.err
+    assert "--sheet 1mm" in said.err
+    assert f"{plate}: 12 triangles" in said.out
+    assert crease("check", flat, "--unit", "mm", "--sheet", "1").status == 0
+
+
+def test_the_picture_is_written(tmp_path: Path, plate: Path, crease: Run) -> None:
+    picture = tmp_path / "found.png"
+    assert crease("check", plate, "--unit", "mm", "-o", picture).status == 0
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    assert crease("check", plate, "--unit", "mm", "-o", picture).status == 1
+
+
+def test_the_thinnest_wall_of_a_hollow_ball_is_its_shell() -> None:
+    outer = trimesh.creation.icosphere(4, radius=10.0)
+    inner = trimesh.creation.icosphere(4, radius=9.0)
+    inner.apply_translation([0.4, 0.0, 0.0])
+    inner.invert()
+    whole = trimesh.util.concatenate([outer, inner])
+    mesh = make_mesh(whole.vertices, whole.faces, 1e-3)
+    wall_m, at_m = thinnest_wall(make_surface(mesh, 30.0))
+    assert wall_m == pytest.approx(0.6e-3, rel=0.05)
+    assert at_m[0, 0] == pytest.approx(9.7e-3, rel=0.03)

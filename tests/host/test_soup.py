@@ -1,0 +1,203 @@
+"""Triangles that are no clean solid: what is accepted has the inside that libigl's winding number gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import igl
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from crease.base.errors import MeshError
+from crease.mesh import topology
+from crease.mesh.arrange import Winding, cut_crossings
+from crease.mesh.mesh import Mesh, make_mesh
+
+F64 = npt.NDArray[np.float64]
+Arrays = tuple[npt.NDArray[Any], npt.NDArray[Any]]
+POINTS = 20_000
+
+
+def arrays(*parts: trimesh.Trimesh) -> Arrays:
+    """Meshes as one soup."""
+    whole = trimesh.util.concatenate(list(parts))
+    return np.array(whole.vertices), np.array(whole.faces)
+
+
+def ball(x: float = 0.0, y: float = 0.0, z: float = 0.0, radius: float = 1.0) -> trimesh.Trimesh:
+    mesh = trimesh.creation.icosphere(3, radius=radius)
+    mesh.apply_translation([x, y, z])
+    return mesh
+
+
+def cube(x: float = 0.0, y: float = 0.0, z: float = 0.0, side: float = 1.0) -> trimesh.Trimesh:
+    mesh = trimesh.creation.box(extents=[side] * 3)
+    mesh.apply_translation([x, y, z])
+    return mesh
+
+
+def winding(vertices: F64, triangles: npt.NDArray[Any], points: F64) -> F64:
+    """libigl's."""
+    return np.asarray(
+        igl.fast_winding_number(
+            np.ascontiguousarray(vertices), np.ascontiguousarray(triangles, np.int64), points
+        )
+    )
+
+
+def points_round(vertices: F64) -> F64:
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return np.asarray(low + (high - low) * np.random.default_rng(5).random((POINTS, 3)))
+
+
+def assert_sound(mesh: Mesh) -> None:
+    """Closed, oriented, free of crossings, winding round its inside once."""
+    assert len(topology.unbalanced_edges(mesh.triangles, len(mesh.vertices_m))) == 0
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0)))
+    assert topology.self_intersections(mesh.vertices_m, mesh.triangles, 2e-6 * diagonal)[0] == 0
+    w = winding(mesh.vertices_m, mesh.triangles, points_round(mesh.vertices_m))
+    assert np.abs(w - np.round(w)).max() < 0.05
+    assert set(np.unique(np.round(w))) <= {0.0, 1.0}
+
+
+def folded_ball() -> Arrays:
+    """A ball whose top is pushed down through its middle."""
+    mesh = trimesh.creation.icosphere(3)
+    vertices = np.array(mesh.vertices)
+    top = vertices[:, 2] > 0.5
+    vertices[top, 2] = 2.5 - 4.0 * vertices[top, 2]
+    return vertices, np.array(mesh.faces)
+
+
+def holed_ball() -> Arrays:
+    """A ball with forty triangles missing here and there, and a tenth of its triangles turned."""
+    mesh = trimesh.creation.icosphere(3)
+    rng = np.random.default_rng(2)
+    faces = np.array(mesh.faces)
+    turned = rng.choice(len(faces), 128, replace=False)
+    faces[turned] = faces[turned][:, ::-1]
+    return np.array(mesh.vertices), np.delete(faces, rng.choice(len(faces), 40, replace=False), 0)
+
+
+def shaken_ball() -> Arrays:
+    """Noise that folds triangles over each other."""
+    mesh = trimesh.creation.icosphere(3)
+    noise = np.random.default_rng(4).normal(0.0, 0.06, mesh.vertices.shape)
+    return np.array(mesh.vertices) + noise, np.array(mesh.faces)
+
+
+def walled_box() -> Arrays:
+    """A box with a wall inside, whose rim lies on edges of the box: three triangles meet there."""
+    solid = trimesh.creation.box(extents=[2.0, 1.0, 1.0]).slice_plane([0, 0, 0], [1, 0, 0])
+    other = trimesh.creation.box(extents=[2.0, 1.0, 1.0]).slice_plane([0, 0, 0], [-1, 0, 0])
+    rim = np.array([[0, -0.5, -0.5], [0, 0.5, -0.5], [0, 0.5, 0.5], [0, -0.5, 0.5]])
+    wall = trimesh.Trimesh(rim, [[0, 1, 2], [0, 2, 3]], process=False)
+    return arrays(solid, other, wall)
+
+
+def split_box() -> Arrays:
+    """A box of which one side is tessellated more finely than its neighbours: vertices lie on their edges."""
+    vertices, faces = arrays(cube())
+    fine = trimesh.Trimesh(vertices, faces, process=False).subdivide(face_index=[0, 1, 4])
+    return np.array(fine.vertices), np.array(fine.faces)
+
+
+SOUPS: dict[str, Callable[[], Arrays]] = {
+    "crossing balls": lambda: arrays(ball(), ball(0.3, 0.2, 0.1), ball(-0.1, 0.4, 0.3)),
+    "folded ball": folded_ball,
+    "folded ball across a cube": lambda: arrays(
+        trimesh.Trimesh(*folded_ball(), process=False), cube(0.7, 0.1, 0.2)
+    ),
+    "ball with holes and turned triangles": holed_ball,
+    "noise": shaken_ball,
+    "box with a wall": walled_box,
+    "vertices on edges": split_box,
+    "coplanar boxes": lambda: arrays(cube(), cube(0.5), cube(0.25, 0.25)),
+    "box in a ball": lambda: arrays(ball(), cube(side=0.5)),
+}
+
+
+@pytest.mark.parametrize("name", SOUPS)
+def test_the_inside_of_a_soup_is_where_it_winds(name: str) -> None:
+    vertices, triangles = SOUPS[name]()
+    mesh = make_mesh(vertices, triangles, source=name)
+    assert_sound(mesh)
+    assert mesh.warnings
+    points = points_round(vertices)
+    whole = trimesh.Trimesh(vertices, triangles, process=False)
+    if "turned" in name:
+        whole = ball()  # the file's own windings say nothing; the ball it came from does
+    before = winding(np.array(whole.vertices), np.array(whole.faces), points)
+    after = winding(mesh.vertices_m, mesh.triangles, points)
+    wrong = (before > 0.5) != (after > 0.5)
+    # Caps are flat where the winding number bulges, and points may lie within the rounding of a surface.
+    assert np.count_nonzero(wrong) <= 1e-3 * POINTS
+
+
+def test_our_winding_number_is_that_of_libigl() -> None:
+    vertices, triangles = holed_ball()
+    points = points_round(vertices)
+    ours = Winding(vertices, triangles).at(points)
+    exact = np.asarray(igl.winding_number(vertices, triangles.astype(np.int64), points[:4000]))
+    error = ours[:4000] - exact
+    assert np.abs(error).max() < 0.03
+    assert np.sqrt((error**2).mean()) < 0.006
+
+
+def test_cuts_leave_no_crossing_and_no_gap() -> None:
+    vertices, triangles = SOUPS["crossing balls"]()
+    made = cut_crossings(vertices, triangles.astype(np.int32))
+    assert made.failed == 0
+    assert made.crossings > 100
+    assert len(topology.unbalanced_edges(made.triangles, len(made.vertices))) == 0
+    assert topology.self_intersections(made.vertices, made.triangles, 1e-9)[0] == 0
+    moved = np.abs(made.vertices[: len(vertices)] - vertices).max()
+    assert moved < 1e-8
+
+
+def test_volume_of_crossing_boxes_is_exact() -> None:
+    mesh = make_mesh(*arrays(cube(), cube(0.5, 0.5, 0.5), cube(-0.5, -0.5, 0.5)))
+    assert topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum() == pytest.approx(2.75)
+
+
+def hemisphere() -> Arrays:
+    mesh = trimesh.creation.icosphere(4)
+    return np.array(mesh.vertices), np.array(mesh.faces[mesh.triangles_center[:, 2] > 0.0])
+
+
+def grid_sheet() -> Arrays:
+    mesh = trimesh.creation.box(extents=[1.0, 1.0, 1.0]).subdivide().subdivide()
+    return np.array(mesh.vertices), np.array(mesh.faces[mesh.triangles_center[:, 2] > 0.49])
+
+
+@pytest.mark.parametrize("sheet", [hemisphere, grid_sheet])
+def test_a_sheet_is_refused_with_the_option_and_made_thick_with_it(
+    sheet: Callable[[], Arrays],
+) -> None:
+    vertices, triangles = sheet()
+    with pytest.raises(MeshError, match="--sheet 1mm"):
+        make_mesh(vertices, triangles, 1e-1)
+    mesh = make_mesh(vertices, triangles, 1e-1, sheet_m=1e-3)
+    assert_sound(mesh)
+    area_m2 = 1e-2 * topology.areas_m2(vertices, triangles).sum()
+    volume_m3 = topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum()
+    assert volume_m3 == pytest.approx(1e-3 * area_m2, rel=0.02)
+    assert any("thick" in warning for warning in mesh.warnings)
+
+
+def test_a_sheet_beside_a_solid_is_left_out_with_its_share() -> None:
+    solid, (vertices, triangles) = cube(side=3.0), grid_sheet()
+    mesh = make_mesh(*arrays(solid, trimesh.Trimesh(vertices + 4.0, triangles, process=False)))
+    assert topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum() == pytest.approx(27.0)
+    assert any("left out 1 open sheet" in warning for warning in mesh.warnings)
+
+
+@pytest.mark.parametrize("count", [1, 100])
+def test_what_has_no_shape_is_refused_in_one_line(count: int) -> None:
+    corners = np.zeros((3 * count, 3))
+    corners[:, 0] = np.arange(3 * count)
+    with pytest.raises(MeshError) as caught:
+        make_mesh(corners, np.arange(3 * count).reshape(-1, 3), 1e-2)
+    assert "\n" not in str(caught.value)
