@@ -117,12 +117,13 @@ def check_layout() -> bool:
 
 @dataclass(frozen=True)
 class Recording:
-    """rows: structured array RECORD (n,). config: a cffi `cr_servo_config *`."""
+    """rows: structured array RECORD (n,). config: a cffi `cr_servo_config *`. cut_bytes: of a last record not whole."""
 
     rows: npt.NDArray[Any] = field(repr=False)
     config: Any = field(repr=False)
     scene_crc32: int
     source: str
+    cut_bytes: int = 0
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -149,7 +150,10 @@ def is_recording(path: Path) -> bool:
 
 
 def load_recording(path: Path) -> Recording:
-    """Errors: RecordingError for a file that is none, of another version, or cut short."""
+    """A file that ends in the midst of a record is read up to the last whole one.
+
+    Errors: RecordingError for a file that is none, of another version, or without one whole record.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -166,12 +170,12 @@ def load_recording(path: Path) -> Recording:
         }.get(code, error_text(code))
         raise RecordingError(f"{path}: {reason}; record it again with this version")
     body = len(data) - start
-    if body == 0 or body % RECORD.itemsize:
-        raise RecordingError(
-            f"{path}: is cut short: {body} bytes of records are not whole records of {RECORD.itemsize}"
-        )
-    rows = np.frombuffer(data, dtype=RECORD, offset=start).copy()
-    return Recording(rows, config, int(head.scene_crc32), str(path))
+    count = body // RECORD.itemsize
+    if count == 0:
+        raise RecordingError(f"{path}: has no whole record: {body} bytes are less than one")
+    rows = np.frombuffer(data, dtype=RECORD, offset=start, count=count).copy()
+    cut = body - count * RECORD.itemsize
+    return Recording(rows, config, int(head.scene_crc32), str(path), cut)
 
 
 def recording_bytes(rows: npt.NDArray[Any], config: Any, scene: Scene) -> bytes:

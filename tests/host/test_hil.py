@@ -115,14 +115,27 @@ def test_replay_refuses_a_recording_of_another_scene(
     assert "another scene" in said.err
 
 
-def test_replay_refuses_a_recording_that_is_cut_or_of_another_version(
+def test_recording_that_is_cut_in_a_record_runs_again_up_to_the_last_whole_one(
+    folder: Path, scene_crs: Path, run_crr: Path, crease: Run
+) -> None:
+    path = folder / "torn.crr"
+    path.write_bytes(run_crr.read_bytes()[:-100])
+    whole, torn = rec.load_recording(run_crr), rec.load_recording(path)
+    assert (len(torn), torn.cut_bytes) == (len(whole) - 1, 512 - 100)
+    assert (torn.rows == whole.rows[:-1]).all()
+    said = crease("replay", scene_crs, path, "-o", folder / "torn.csv")
+    assert said.status == 0
+    assert "412 bytes at its end are no whole record" in said.err
+
+
+def test_replay_refuses_a_recording_without_a_record_or_of_another_version(
     folder: Path, scene_crs: Path, run_crr: Path, crease: Run
 ) -> None:
     data = run_crr.read_bytes()
     version = bytearray(data)
     version[8] = 9
     for name, content, why in (
-        ("cut", data[:-100], "cut short"),
+        ("cut", data[: 1024 + 300], "has no whole record"),
         ("head", data[:500], "less than its head"),
         ("version", bytes(version), "record it again"),
     ):

@@ -22,6 +22,10 @@ def run(args: argparse.Namespace) -> None:
     result = rerun(recording, scene)
     write_table(args.output, to_columns(result.rows))
     warnings = []
+    if recording.cut_bytes:
+        warnings.append(
+            f"{args.path}: {recording.cut_bytes} bytes at its end are no whole record; {len(recording)} are"
+        )
     if result.gap:
         warnings.append(
             f"records are missing after tick {int(recording.rows['tick'][result.records - 1])}: "
