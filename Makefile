@@ -237,8 +237,11 @@ test: build/.develop build/.browser build/gcc/creased build/gcc/creased-unix bui
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
 	$(PY) tests/run.py --c-tests build/san/tests --only-c
 
+# QUICK=1: the least of a target that shows that it runs; not what its figures are taken from.
+QUICK ?=
+
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
-FUZZ_SECONDS ?= 60
+FUZZ_SECONDS ?= $(if $(QUICK),20,60)
 
 fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) build/fuzz/fuzz_scene_scalar ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
 	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
@@ -251,7 +254,7 @@ build/fuzz/fuzz_scene_scalar: build/scalar/tests/fuzz/fuzz_scene.o build/scalar/
 	@$(CC_scalar) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_scalar)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
 # 2.8 hours of rendering, in 4 minutes.
-SOAK_TICKS ?= 10000000
+SOAK_TICKS ?= $(if $(QUICK),200000,10000000)
 
 soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual time, or SOAK_TICKS=
 	CREASE_SOAK_TICKS=$(SOAK_TICKS) build/gcc/tests/test_soak
@@ -270,7 +273,7 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 	    --fail-under-line 100 --fail-under-branch 95 build/cov
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
-	$(PY) tests/bench/bench.py --figures build/bench
+	$(PY) tests/bench/bench.py $(if $(QUICK),--scene edge90_cube,--figures build/bench)
 	$(PY) tests/bench/bake.py
 
 # An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
@@ -316,13 +319,13 @@ bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spo
 	$(PY) tests/bench/meshes.py -o build/bench
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
-	$(CREASE) stress -o build/stress
+	$(if $(QUICK),rm -rf build/stress-quick; )$(CREASE) stress $(if $(QUICK),-o build/stress-quick --cases 6 --per-chunk 6 --scenes 1,-o build/stress)
 
 bench-loop: build/.develop build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
 	$(PY) tests/bench/loop.py --figure build/loop/edge.png
 
 bench-faults: build/.develop build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
-	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs build/meshes/wall_cube.csv
+	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs $(if $(QUICK),--every 1000 --seconds 1)
 
 # creased with a UNIX socket for its bus: everything but can.c.
 build/gcc/creased-unix: build/gcc/firmware/port/linux/creased.o build/gcc/tests/bench/latency_can.o build/gcc/libcrease.a
@@ -331,7 +334,7 @@ build/gcc/creased-unix: build/gcc/firmware/port/linux/creased.o build/gcc/tests/
 build/gcc/latency_drives: build/gcc/tests/bench/latency_drives.o build/gcc/libsim.a
 	@$(CC_gcc) $(CFLAGS_gcc) $^ -lode -lm -o $@
 
-LATENCY = $(PY) tests/bench/latency.py build/scenes/wall_cube.crs
+LATENCY = $(PY) tests/bench/latency.py build/scenes/wall_cube.crs $(if $(QUICK),--seconds 2)
 
 bench-latency: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
 	$(LATENCY) --where 'native kernel without CAN' --figure build/bench/latency-unix.png
@@ -347,7 +350,7 @@ HIL_TESTS := tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
 
 hil-minute: build/.develop build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
-	$(PY) tests/hil/repeat.py --seconds 60
+	$(PY) tests/hil/repeat.py --seconds $(if $(QUICK),5,60)
 
 hil-kernel: ## the kernel for `make hil` (once, under 5 minutes, kept outside the checkout)
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: this kernel has vcan0"; else tests/hil/lab/build-kernel; fi
@@ -356,6 +359,13 @@ hil: build/.develop build/gcc/creased hil-kernel ## tests on a real vcan: native
 	@if [ -e /sys/class/net/vcan0 ]; then echo "hil: vcan0 of this kernel"; $(call HIL_PYTEST,); \
 	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,CREASE_VIRTUAL_TIME=1 tests/hil/lab/vcan-run -V); \
 	    $(PY) tests/hil/repeat.py --seconds $(HIL_SECONDS); fi
+
+# Targets that no other part of continuous integration runs, each in its quick form, so that none rots.
+QUICK_TARGETS := meshes scenes demo creased sanitize soak stress bench-faults bench-latency hil-minute
+
+all-targets: ## the targets that tests and linters leave out, in their quick forms: under 10 minutes
+	@for t in $(QUICK_TARGETS); do echo "== make $$t QUICK=1"; $(MAKE) --no-print-directory $$t QUICK=1 || failed="$${failed:-} $$t"; done; \
+	test -z "$${failed:-}" || { echo "all-targets: failed:$$failed"; exit 1; }
 
 # ---------------------------------------------------------------------------------------------------------- lint
 
@@ -431,5 +441,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -30,7 +30,7 @@ def scene() -> Scene:
 @pytest.fixture(scope="module")
 def good(scene: Scene) -> Recording:
     """Drives up, contact, drive Y silent, cleared, contact again: the hand does not move from inside the corner."""
-    loop = Loop(scene, faults=[Fault("silent", tick=1180, ticks=20, axis=m7.SILENT_AXIS)])
+    loop = Loop(scene, faults=[Fault("silent", tick=1285, ticks=20, axis=m7.SILENT_AXIS)])
     rendering = (int(lib.CR_MODE_RENDERING), int(lib.CR_MODE_LIMITED))
     commands = {
         int(lib.CR_MODE_IDLE): (IDLE_SEEN, int(lib.CR_COMMAND_START)),

@@ -129,9 +129,10 @@ static int build_flash(void **state) {
     const crt_solid block = crt_box(-0.02, 0.02, 0.02, -0.03, -0.02);
     uint32_t bytes = 0u;
     crt_tool plate = crt_plate();
-    const uint8_t *image = crt_image(&block, &plate, 0.004, &bytes);
+    uint8_t *image = crt_image(&block, &plate, 0.004, &bytes);
     assert_true(bytes <= sizeof crt_flash);
     memcpy(crt_flash, image, bytes);
+    free(image);
     crt_tool_free(&plate);
     return 0;
 }

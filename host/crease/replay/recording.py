@@ -37,7 +37,7 @@ RECORD = record(
 
 @dataclass(frozen=True)
 class Recording:
-    """rows: structured array RECORD (n,). config: a cffi `cr_servo_config *`."""
+    """rows: structured array RECORD (n,). config: a cffi `cr_servo_config *`. cut_bytes: of a last record not whole."""
 
     rows: npt.NDArray[Any] = field(repr=False)
     config: Any = field(repr=False)
