@@ -242,9 +242,7 @@ void cr_way_measure(const cr_respond_input *in, const cr_way_zones *zones, const
         cr_lookup look;
         const int known = cr_way_planes(in, hit, &planes, &world, &look);
         for (uint32_t left = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u); left != 0u;) {
-            spot at;
-            at.c = c;
-            at.lane = take_lane(&left);
+            spot at = {.c = c, .lane = take_lane(&left)};
             at.p = v3(c->x[at.lane], c->y[at.lane], c->z[at.lane]);
             if (known) {
                 over_planes(&s, &planes, &at);
