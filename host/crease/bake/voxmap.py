@@ -249,7 +249,7 @@ class CellSorter:
 
     def _judge(self, points: F64, phi: F64, facet: I32) -> I32:
         """Kinds of crease cells from exact probes. Shapes: points (n, m, 3), phi and facet (n, m)."""
-        sets = [tuple(np.unique(row).tolist()) for row in facet]
+        sets = [tuple(sorted(set(row))) for row in facet.tolist()]
         groups: dict[tuple[int, ...], list[int]] = {}
         for i, key in enumerate(sets):
             groups.setdefault(key, []).append(i)
