@@ -241,7 +241,7 @@ bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/be
 	$(PY) tests/bench/report.py build/bench
 
 bench-meshes: build/.host build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
-	$(PY) tests/bench/meshes.py -o build/bench
+	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o build/bench
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(CREASE) stress -o build/stress
