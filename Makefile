@@ -308,7 +308,7 @@ bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/be
 	$(PY) tests/bench/report.py build/bench
 
 bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
-	$(PY) tests/bench/meshes.py -o build/bench
+	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o build/bench
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(if $(QUICK),rm -rf build/stress-quick; )$(CREASE) stress $(if $(QUICK),-o build/stress-quick --cases 6 --per-chunk 6 --scenes 1,-o build/stress)

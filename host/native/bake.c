@@ -728,7 +728,7 @@ static int build_wide_tree(crb_mesh *m) {
     const node *root = &m->nodes[0];
     m->middle = mul(add(root->low, root->high), 0.5);
     m->extent = (float)norm(sub(root->high, root->low));
-    m->wide = aligned_alloc(64, (size_t)m->node_count * sizeof *m->wide);
+    m->wide = malloc((size_t)m->node_count * sizeof *m->wide);
     if (m->wide == NULL) {
         return 0;
     }
