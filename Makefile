@@ -316,7 +316,7 @@ bench-properties: build/.host build/meshes/.stamp $(PEERS)/.libraries ## what a 
 	$(CREASE) bench properties -o build/properties --peers $(PEERS)/properties --force
 
 bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
-	$(PY) tests/bench/meshes.py -o build/bench
+	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o build/bench
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(if $(QUICK),rm -rf build/stress-quick; )$(CREASE) stress $(if $(QUICK),-o build/stress-quick --cases 6 --per-chunk 6 --scenes 1,-o build/stress)

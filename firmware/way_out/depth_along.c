@@ -233,8 +233,7 @@ static void looked_up(const survey *s, const cr_lookup *look, const cr_lanes3 *w
 void cr_way_measure(const cr_respond_input *in, const cr_way_zones *zones, const cr_way_relations *relations,
                     cr_way_half *half) {
     const survey s = {in, zones, relations, half};
-    cr_planes planes, cell;
-    planes.kind = cell.kind = 0u;
+    cr_planes planes = {0}, cell = {0};
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         const cr_hit *hit = &in->set->hits[h];
         const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];

@@ -139,7 +139,7 @@ static void add_behind_walls(cr_way_zones *zones, const cr_scene *s, const struc
 
 static void add_over_planes(cr_way_zones *zones, const cr_scene *s, const struct cr_img_cluster *c, int i,
                             const cr_planes *p) {
-    float height_m[CR_KIND_FACETS_MAX];
+    float height_m[CR_KIND_FACETS_MAX] = {0.0f};
     for (uint32_t k = 0; k < p->count; k++) {
         height_m[k] = v3_dot(p->normal_tool[k], v3(c->x[i], c->y[i], c->z[i])) + p->offset_m[k];
     }
@@ -264,8 +264,7 @@ int cr_way_planes(const cr_respond_input *in, const cr_hit *hit, cr_planes *plan
 }
 
 void cr_way_gather(const cr_respond_input *in, cr_way_zones *zones) {
-    cr_planes planes;
-    planes.kind = 0u;
+    cr_planes planes = {0};
     zones->count = zones->dropped = 0u;
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         const cr_hit *hit = &in->set->hits[h];

@@ -8,22 +8,19 @@
 
 /* ---- growing arrays, and a table of points by three numbers -------------------------------------------------------- */
 
-/* Room for one more of size bytes behind count; 0: out of memory. */
-static int grow_array(void **array, int64_t count, int64_t *room, size_t size) {
-    if (count < *room) {
-        return 1;
-    }
-    const int64_t wanted = *room > 0 ? 2 * *room : 64;
-    void *more = realloc(*array, (size_t)wanted * size);
+/* Twice the room, at least 64 elements of size bytes; null, and nothing kept: out of memory. */
+static void *enlarged(void *array, int64_t *room, size_t size) {
+    *room = *room > 0 ? 2 * *room : 64;
+    void *more = realloc(array, (size_t)*room * size);
     if (more == NULL) {
-        return 0;
+        free(array);
+        *room = 0;
     }
-    *array = more;
-    *room = wanted;
-    return 1;
+    return more;
 }
 
-#define GROW(array, count, room) grow_array((void **)&(array), (count), &(room), sizeof *(array))
+/* Whether there is room for one more behind count, which may move the array. */
+#define GROW(array, count, room) ((count) < (room) || ((array) = enlarged((array), &(room), sizeof *(array))) != NULL)
 
 typedef struct {
     int32_t key[3], id;
@@ -73,9 +70,9 @@ typedef struct {
 
 struct crx_cuts {
     const int32_t *corners; /* of the triangles given; not kept after crx_cut */
-    double *vertices;
+    double (*vertices)[3];
     int64_t vertex_count, vertex_room;
-    int32_t *pieces, *parents;
+    int32_t (*pieces)[3], *parents;
     int64_t piece_count, piece_room, parent_room;
     int32_t *lines;
     int64_t line_count, line_room;
@@ -87,19 +84,13 @@ struct crx_cuts {
     int64_t *mine;        /* segment indices by triangle */
 };
 
-static const double *position(const crx_cuts *c, int32_t id) { return c->vertices + 3 * (int64_t)id; }
+static const double *position(const crx_cuts *c, int32_t id) { return c->vertices[id]; }
 
 static int32_t add_vertex(crx_cuts *c, const double *p) {
-    int64_t room = c->vertex_room * 3;
-    if (3 * c->vertex_count + 3 > room) {
-        double *more = realloc(c->vertices, (size_t)(2 * room + 192) * sizeof *more);
-        if (more == NULL) {
-            return -1;
-        }
-        c->vertices = more;
-        c->vertex_room = (2 * room + 192) / 3;
+    if (!GROW(c->vertices, c->vertex_count, c->vertex_room)) {
+        return -1;
     }
-    memcpy(c->vertices + 3 * c->vertex_count, p, 3 * sizeof *p);
+    memcpy(c->vertices[c->vertex_count], p, sizeof c->vertices[0]);
     return (int32_t)c->vertex_count++;
 }
 
@@ -249,7 +240,7 @@ static int add_line(sheet *s, int32_t a, int32_t b, int32_t other) {
 }
 
 static int64_t line_at(const sheet *s, int32_t a, int32_t b) {
-    for (int64_t i = 0; i < s->line_count; i++) {
+    for (int64_t i = 0; s->lines != NULL && i < s->line_count; i++) {
         const int32_t *e = s->lines[i].ends;
         if ((e[0] == a && e[1] == b) || (e[0] == b && e[1] == a)) {
             return i;
@@ -280,7 +271,7 @@ static void set_triangle(sheet *s, int64_t t, int32_t a, int32_t b, int32_t c) {
 /* Vertex m comes between a and b, on both sides of that edge. */
 static int split_edge(sheet *s, int32_t a, int32_t b, int32_t m) {
     const int64_t on = line_at(s, a, b);
-    if (on >= 0) {
+    if (on >= 0 && s->lines != NULL) {
         const line whole = s->lines[on];
         s->lines[on] = (line){{whole.ends[0], m}, whole.other};
         if (!add_line(s, m, whole.ends[1], whole.other)) {
@@ -344,18 +335,23 @@ static int32_t meeting_point(sheet *s, int32_t a, int32_t b, int32_t other, cons
     return id < 0 || local_of(s, id) >= 0 ? -1 : add_local(s, id);
 }
 
+typedef struct {
+    int32_t *at;
+    int64_t count, room;
+} chain;
+
 /* Corners that the way from a to b passes on either side, and the triangles between them. */
 typedef struct {
-    int32_t *left, *right;
+    chain left, right;
     int64_t *crossed;
-    int64_t left_count, right_count, crossed_count, left_room, right_room, crossed_room;
+    int64_t crossed_count, crossed_room;
 } way;
 
-static int pass(int32_t **side, int64_t *count, int64_t *room, int32_t v) {
-    if (!grow_array((void **)side, *count, room, sizeof **side)) {
+static int pass(chain *side, int32_t v) {
+    if (!GROW(side->at, side->count, side->room)) {
         return 0;
     }
-    (*side)[(*count)++] = v;
+    side->at[side->count++] = v;
     return 1;
 }
 
@@ -399,17 +395,17 @@ enum { LOST, FREE, STOPPED };
 /* Follow the way from a to b. STOPPED: it goes through the vertex *stop, which may be new: where it meets another line. */
 static int follow(sheet *s, int32_t a, int32_t b, int32_t other, way *w, int32_t *stop) {
     int32_t u, v, q;
-    w->left_count = w->right_count = w->crossed_count = 0;
+    w->left.count = w->right.count = w->crossed_count = 0;
     int64_t t = way_out(s, a, b, &u, &v, stop);
     if (t < 0 || *stop >= 0) {
         return t < 0 ? LOST : STOPPED;
     }
-    if (!pass(&w->right, &w->right_count, &w->right_room, u) || !pass(&w->left, &w->left_count, &w->left_room, v)) {
+    if (!pass(&w->right, u) || !pass(&w->left, v)) {
         return LOST;
     }
     for (int64_t step = 0; step <= s->tri_count && cross_triangle(w, t); step++) {
         const int64_t on = line_at(s, u, v);
-        if (on >= 0) {
+        if (on >= 0 && s->lines != NULL) {
             const line across = s->lines[on];
             *stop = meeting_point(s, a, b, other, &across);
             return *stop >= 0 && split_edge(s, u, v, *stop) ? STOPPED : LOST;
@@ -426,8 +422,7 @@ static int follow(sheet *s, int32_t a, int32_t b, int32_t other, way *w, int32_t
             *stop = q;
             return STOPPED;
         }
-        if (turn < 0 ? !pass(&w->right, &w->right_count, &w->right_room, q)
-                     : !pass(&w->left, &w->left_count, &w->left_room, q)) {
+        if (turn < 0 ? !pass(&w->right, q) : !pass(&w->left, q)) {
             return LOST;
         }
         *(turn < 0 ? &u : &v) = q;
@@ -473,24 +468,24 @@ static int by_index_down(const void *a, const void *b) {
 
 /* The triangles on the way from a to b make room for an edge between the two. */
 static int open_way(sheet *s, int32_t a, int32_t b, way *w) {
-    if (!pass(&w->left, &w->left_count, &w->left_room, b) || !pass(&w->left, &w->left_count, &w->left_room, a)) {
+    if (!pass(&w->left, b) || !pass(&w->left, a)) {
         return 0;
     }
-    for (int64_t i = 0, j = w->left_count - 3; i < j; i++, j--) { /* against the way: b, a, then from the far end */
-        const int32_t swap = w->left[i];
-        w->left[i] = w->left[j];
-        w->left[j] = swap;
+    for (int64_t i = 0, j = w->left.count - 3; i < j; i++, j--) { /* against the way: b, a, then from the far end */
+        const int32_t swap = w->left.at[i];
+        w->left.at[i] = w->left.at[j];
+        w->left.at[j] = swap;
     }
-    w->left[w->left_count - 2] = a;
-    w->left[w->left_count - 1] = b;
-    if (!pass(&w->right, &w->right_count, &w->right_room, b) || !pass(&w->right, &w->right_count, &w->right_room, a)) {
+    w->left.at[w->left.count - 2] = a;
+    w->left.at[w->left.count - 1] = b;
+    if (!pass(&w->right, b) || !pass(&w->right, a)) {
         return 0;
     }
     qsort(w->crossed, (size_t)w->crossed_count, sizeof *w->crossed, by_index_down);
     for (int64_t i = 0; i < w->crossed_count; i++) {
         memmove(s->tri[w->crossed[i]], s->tri[--s->tri_count], sizeof *s->tri);
     }
-    return cut_ears(s, w->left, w->left_count) && cut_ears(s, w->right, w->right_count);
+    return cut_ears(s, w->left.at, w->left.count) && cut_ears(s, w->right.at, w->right.count);
 }
 
 /* An edge from a to b, or edges through what lies on the way; marked as the line with triangle `other`. 0: failed. */
@@ -621,18 +616,13 @@ static int cut_up(sheet *s, way *w, stop *stops) {
 }
 
 static int add_piece(crx_cuts *c, int32_t parent, const int32_t *corners) {
-    int64_t room = 3 * c->piece_room;
-    for (; 3 * c->piece_count + 3 > room;) {
-        const int64_t count = room;
-        if (!grow_array((void **)&c->pieces, count, &room, sizeof *c->pieces)) {
-            return 0;
-        }
+    if (!GROW(c->pieces, c->piece_count, c->piece_room)) {
+        return 0;
     }
-    c->piece_room = room / 3;
     if (!GROW(c->parents, c->piece_count, c->parent_room)) {
         return 0;
     }
-    memcpy(c->pieces + 3 * c->piece_count, corners, 3 * sizeof *corners);
+    memcpy(c->pieces[c->piece_count], corners, sizeof c->pieces[0]);
     c->parents[c->piece_count++] = parent;
     return 1;
 }
@@ -646,7 +636,7 @@ static int keep_pieces(crx_cuts *c, const sheet *s) {
     }
     for (int64_t i = 0; i < s->line_count; i++) {
         for (int end = 0; end < 2; end++) {
-            if (!grow_array((void **)&c->lines, c->line_count, &c->line_room, sizeof *c->lines)) {
+            if (!GROW(c->lines, c->line_count, c->line_room)) {
                 return 0;
             }
             c->lines[c->line_count++] = s->id[s->lines[i].ends[end]];
@@ -657,7 +647,7 @@ static int keep_pieces(crx_cuts *c, const sheet *s) {
 
 static int cut_all(crx_cuts *c, size_t triangle_count) {
     sheet s = {.cuts = c};
-    way w = {0};
+    way w = {.crossed = NULL};
     int64_t most = 1;
     for (size_t t = 0; t < triangle_count; t++) {
         most = c->first[t + 1] - c->first[t] > most ? c->first[t + 1] - c->first[t] : most;
@@ -687,8 +677,8 @@ static int cut_all(crx_cuts *c, size_t triangle_count) {
     free(s.at);
     free(s.tri);
     free(s.lines);
-    free(w.left);
-    free(w.right);
+    free(w.left.at);
+    free(w.right.at);
     free(w.crossed);
     return fine;
 }
@@ -725,9 +715,9 @@ crx_cuts *crx_cut(const double *vertices, size_t vertex_count, const int32_t *tr
         return NULL;
     }
     c->corners = triangles;
-    c->vertices = malloc((vertex_count + 1) * 3 * sizeof *c->vertices);
+    c->vertices = malloc((vertex_count + 1) * sizeof *c->vertices);
     if (c->vertices != NULL) {
-        memcpy(c->vertices, vertices, vertex_count * 3 * sizeof *c->vertices);
+        memcpy(c->vertices, vertices, vertex_count * sizeof *c->vertices);
         c->vertex_count = (int64_t)vertex_count;
         c->vertex_room = (int64_t)vertex_count + 1;
     }
@@ -762,8 +752,8 @@ void crx_count(const crx_cuts *c, crx_counts *counts) {
 }
 
 void crx_read(const crx_cuts *c, double *vertices, int32_t *triangles, int32_t *parent, int32_t *lines) {
-    memcpy(vertices, c->vertices, (size_t)c->vertex_count * 3 * sizeof *vertices);
-    memcpy(triangles, c->pieces, (size_t)c->piece_count * 3 * sizeof *triangles);
+    memcpy(vertices, c->vertices, (size_t)c->vertex_count * sizeof *c->vertices);
+    memcpy(triangles, c->pieces, (size_t)c->piece_count * sizeof *c->pieces);
     memcpy(parent, c->parents, (size_t)c->piece_count * sizeof *parent);
     if (c->line_count > 0) {
         memcpy(lines, c->lines, (size_t)c->line_count * sizeof *lines);

@@ -675,7 +675,7 @@ typedef struct {
 static void push_sorted(todo *t, const wide_node *w, const float *gap2, double limit) {
     const int32_t bottom = t->depth;
     for (int lane = 0; lane < WIDE; lane++) {
-        if (w->child[lane] <= 0 || gap2[lane] > limit) {
+        if (w->child[lane] <= 0 || (double)gap2[lane] > limit) {
             continue;
         }
         int32_t at = t->depth++;
@@ -699,7 +699,7 @@ static int search_wide(const crb_mesh *m, vec p, nearest *best) {
     todo t = {.depth = 1, .node = {0}, .gap2 = {0.0f}};
     while (t.depth > 0) {
         t.depth--;
-        if (t.gap2[t.depth] > best->distance2 * ROOM) {
+        if ((double)t.gap2[t.depth] > best->distance2 * ROOM) {
             continue;
         }
         const wide_node *w = &m->wide[t.node[t.depth]];
@@ -707,7 +707,7 @@ static int search_wide(const crb_mesh *m, vec p, nearest *best) {
         gaps2(w, at, slack, gap2);
         for (int lane = 0; lane < WIDE; lane++) {
             const int32_t slot = -1 - w->child[lane];
-            if (slot < 0 || slot == guess || gap2[lane] > best->distance2 * ROOM) {
+            if (slot < 0 || slot == guess || (double)gap2[lane] > best->distance2 * ROOM) {
                 continue;
             }
             nearest one = {DBL_MAX, 0, 6, p};
@@ -728,7 +728,7 @@ static int build_wide_tree(crb_mesh *m) {
     const node *root = &m->nodes[0];
     m->middle = mul(add(root->low, root->high), 0.5);
     m->extent = (float)norm(sub(root->high, root->low));
-    m->wide = aligned_alloc(64, (size_t)m->node_count * sizeof *m->wide);
+    m->wide = malloc((size_t)m->node_count * sizeof *m->wide);
     if (m->wide == NULL) {
         return 0;
     }

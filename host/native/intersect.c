@@ -245,7 +245,8 @@ int64_t cr_mesh_self_intersections(const double *vertices, const int32_t *triang
     }
     s.order = malloc(sizeof *s.order * (triangle_count + 1));
     s.boxes = malloc(sizeof *s.boxes * 2 * s.leaf_first);
-    found f = {pairs, pairs_max, -1};
+    found f = {.room = pairs_max, .count = -1};
+    f.pairs = pairs;
     if (s.order != NULL && s.boxes != NULL) {
         sort_triangles(&s);
         build_boxes(&s);

@@ -1,6 +1,7 @@
 """What `crease bake` makes of machine parts, clean and spoiled: `make bench-meshes`.
 
-    python tests/bench/meshes.py [--parts NAME...] [--damages NAME...] [--accept-only] [--judge MODULE:NAME] [-o DIR]
+    PYTHONPATH=meshes python tests/bench/meshes.py [--parts NAME...] [--damages NAME...] [--accept-only]
+        [--judge MODULE:NAME] [-o DIR]
 
 For each part of meshes/parts.py and of build/meshes, as it is and with each damage: whether it is accepted, share of
 points on the wrong side, processor and wall time, peak memory, size of the image, largest distance error, samples. The

@@ -158,6 +158,22 @@ def test_bake_refuses_an_open_mesh(folder: Path, ball_stl: Path, crease: Run) ->
     assert not (folder / "open.crs").exists()
 
 
+def test_bake_closes_an_open_mesh_or_strictly_refuses_it(
+    folder: Path, ball_stl: Path, crease: Run
+) -> None:
+    box = trimesh.creation.box(extents=[80, 80, 40])
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    box.export(folder / "deep.stl")
+    line = ("bake", folder / "deep.stl", ball_stl, "-o", folder / "deep.crs", "--unit", "mm")
+    said = crease(*line, "--strict")
+    assert_error(said, "deep.stl: closed 1 opening", "near (0, 0, 20) mm", "--strict")
+    assert not (folder / "deep.crs").exists()
+    said = crease(*line, "--voxel", "4mm", "--spacing", "3mm")
+    assert said.status == 0
+    assert "warning:" in said.err
+    assert "closed 1 opening, 33 % of the surface" in said.err
+
+
 def test_bake_refuses_a_wrong_unit_with_the_likely_one(
     folder: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:

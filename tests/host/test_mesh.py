@@ -341,7 +341,8 @@ def test_parts_of_a_glb_scene_are_placed(tmp_path: Path) -> None:
         ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "part.ply"),
         ("part.obj", b"v 1 2 3\nv 1 2 3\n", "part.obj"),
         ("part.glb", b"glTF\x02\x00\x00\x00", "part.glb"),
-        ("part.step", b"ISO-10303-21;", "convert it"),
+        ("part.iges", b"S      1", "convert it"),
+        ("part.step", b"ISO-10303-21;", "part.step"),
     ],
 )
 def test_broken_file_is_refused_on_one_line(

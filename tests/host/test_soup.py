@@ -14,6 +14,8 @@ from crease.base.errors import MeshError
 from crease.mesh import topology
 from crease.mesh.arrange import Winding, cut_crossings
 from crease.mesh.mesh import Mesh, make_mesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 F64 = npt.NDArray[np.float64]
 Arrays = tuple[npt.NDArray[Any], npt.NDArray[Any]]
@@ -155,6 +157,19 @@ def test_cuts_leave_no_crossing_and_no_gap() -> None:
     assert topology.self_intersections(made.vertices, made.triangles, 1e-9)[0] == 0
     moved = np.abs(made.vertices[: len(vertices)] - vertices).max()
     assert moved < 1e-8
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32), st.integers(2, 40))
+def test_pieces_of_random_triangles_cover_them(seed: int, count: int) -> None:
+    """Triangles through each other in lines and points of three: none is left whole, no area comes or goes."""
+    vertices = np.random.default_rng(seed).random((3 * count, 3))
+    triangles = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    made = cut_crossings(vertices, triangles)
+    assert made.failed == 0
+    assert topology.crossing_pairs(made.vertices, made.triangles, 1e-9).shape[0] == 0
+    area = topology.areas_m2(made.vertices, made.triangles).sum()
+    assert area == pytest.approx(topology.areas_m2(vertices, triangles).sum(), rel=1e-7)
 
 
 def test_volume_of_crossing_boxes_is_exact() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ TRIES_MAX = 8
 """Voxel sizes that are tried for an image that fits."""
 NOISE_TRIANGLES = 300
 NOISE_SHARE = 0.05
-"""Creases that end within a smooth patch, or patches, over this share of the edges or triangles: noise, not design."""
+"""Creases that end within a smooth patch over this share of the edges: noise, not design."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,7 @@ def noise_warning(surface: Surface, crease_angle_deg: float) -> list[str]:
     edges = sum(surface.counts[f"{name}_edges"] for name in ("smooth", "convex", "concave"))
     count = len(creases.convex)
     loose = int(np.count_nonzero(creases.patch[:, 0] == creases.patch[:, 1]))
-    patches = surface.counts["patches"]
-    if triangles < NOISE_TRIANGLES or (
-        loose < NOISE_SHARE * edges and patches < NOISE_SHARE * triangles
-    ):
+    if triangles < NOISE_TRIANGLES or loose < NOISE_SHARE * edges:
         return []
     for angle in (45.0, 60.0, 75.0, 90.0):
         left = int(np.count_nonzero(creases.angle_rad >= math.radians(angle)))
@@ -279,30 +276,34 @@ def _fitting_voxmap(
 ) -> tuple[_Sizes, Voxmap, list[str]]:
     """The voxmap, with voxels as large as it takes to stay within --image-max, and what is said of that."""
     room = options.image_max_bytes
-    first_m = sizes.voxel_m
     shell_bytes = _bytes_of(shell.clusters, shell.sums, shell.groups, shell.adj_start, shell.adj)
     if room is not None and 1.05 * shell_bytes > room:
         raise MeshError(
             f"the shell of the tool alone takes {format_size(shell_bytes)} of --image-max {format_size(room)}; "
             "use a larger --spacing"
         )
-    for _ in range(TRIES_MAX):
-        near_m = max(0.55 * shell.h_max_m, 0.5 * sizes.voxel_m)
-        voxmap = make_voxmap(surface, sizes.voxel_m, near_m, sizes.target_m, report, memory_max)
+    widest, tried = sizes, sizes
+    for attempt in range(TRIES_MAX):
+        near_m = max(0.55 * shell.h_max_m, 0.5 * tried.voxel_m)
+        voxmap = make_voxmap(surface, tried.voxel_m, near_m, tried.target_m, report, memory_max)
         rest = _bytes_of(
             voxmap.top, voxmap.bricks, voxmap.samples, voxmap.cells, voxmap.kinds, voxmap.facets
         )
         rest += 40 * len(surface.creases.convex) + 4096
         if room is None or shell_bytes + rest <= room:
-            note = (
-                f"--image-max {format_size(room)}: voxels of {format_length(sizes.voxel_m)} "
-                f"instead of {format_length(first_m)}"
-                if room is not None and sizes.voxel_m > first_m
-                else None
+            said = (
+                f"--image-max {format_size(room or 0)}: voxels of {format_length(tried.voxel_m)} "
+                f"instead of {format_length(sizes.voxel_m)}, tolerance {format_length(tried.tolerance_m)}"
             )
-            return sizes, voxmap, [note] if note else []
-        voxel_m = _rounded(1.05 * sizes.voxel_m * math.sqrt(max(1.1, rest / (room - shell_bytes))))
-        sizes = _sizes_at(voxel_m, sizes.spacing_m, options)
+            return tried, voxmap, [] if attempt == 0 else [said]
+        if attempt == 0:
+            # Smaller bricks follow creases with fewer fine samples: half the bytes for the same error.
+            tried = replace(sizes, voxel_m=_rounded(0.5 * sizes.voxel_m))
+            continue
+        if attempt > 1:
+            widest = tried
+        grow = math.sqrt(max(1.1, rest / (room - shell_bytes)))
+        tried = _sizes_at(_rounded(1.05 * widest.voxel_m * grow), sizes.spacing_m, options)
     raise MeshError(
         f"the image does not get below --image-max {format_size(room or 0)}; use a larger --spacing"
     )

@@ -81,7 +81,7 @@ def examine(
     path: Path, unit_m: float, crease_angle_deg: float = 30.0, sheet_m: float | None = None
 ) -> Findings:
     """Findings of a mesh file.   Errors: MeshError when it cannot be read."""
-    vertices, corners = read_arrays(path)
+    vertices, corners = read_arrays(path, unit_m)
     vertices = vertices * unit_m
     first, kind = topology.weld(vertices)
     vertices, triangles = vertices[first], kind[corners].astype(np.int32)

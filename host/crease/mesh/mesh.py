@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,14 @@ from crease.base.table import describe
 from crease.base.units import METRES, format_length
 from crease.mesh.mend import Wishes, mend_surface
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb")
-"""Formats that are read."""
+STEP = (".step", ".stp")
+SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", *STEP)
+"""Formats that are read; STEP with the extra of that name."""
+
+CHORD_M = 2e-5
+"""How far triangles may lie from the curved surfaces of a STEP file."""
+CHORD_ANGLE_RAD = 0.2
+"""How far neighbours of them may turn."""
 
 TRIANGLES_MAX = 20_000_000
 SIZE_MIN_M, SIZE_MAX_M = 1e-3, 100.0
@@ -50,10 +57,12 @@ def load_mesh(
     *,
     sheet_m: float | None = None,
     strict: bool = False,
+    chord_m: float = CHORD_M,
 ) -> Mesh:
     """Read, scale, check and mend a mesh file whose coordinates are in units of `unit_m` metres.
 
     sheet_m: how thick open sheets are made; None: they are left out or refused. strict: refuse what has to be mended.
+    chord_m: how far triangles may lie from the surfaces of a STEP file, which carries its own unit.
     Output: warnings tell every mend with its counts, each beginning with the file.
     Errors: MeshError for what cannot be read or mended; the text says what and the mend.
     Cost: 6 s and 1 GB for a million triangles of STL.
@@ -62,7 +71,7 @@ def load_mesh(
     progress(label, 0.0)
     source = _read_bytes(path)
     digest = hashlib.sha256(source).hexdigest()
-    vertices, triangles = _parse_whole(path, source)
+    vertices, triangles = _parse_whole(path, source, unit_m, chord_m)
     del source
     return make_mesh(
         vertices,
@@ -125,18 +134,42 @@ def _read_bytes(path: Path) -> bytes:
     return source
 
 
-def read_arrays(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Vertices (n, 3) in units of the file and triangles (m, 3) as they stand in a file.   Errors: MeshError."""
-    vertices, triangles = _parse_whole(path, _read_bytes(path))
+def read_arrays(path: Path, unit_m: float) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Vertices (n, 3) in units of `unit_m` and triangles (m, 3) as they stand in a file.   Errors: MeshError."""
+    vertices, triangles = _parse_whole(path, _read_bytes(path), unit_m, CHORD_M)
     points = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     corners = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     _check_numbers(points, corners, str(path))
     return points, corners
 
 
-def _parse_whole(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+def _parse_whole(
+    path: Path, source: bytes, unit_m: float, chord_m: float
+) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     _check_whole(path, source)
-    return _parse(path, source)
+    if path.suffix.lower() not in STEP:
+        return _parse(path, source)
+    vertices_m, triangles = _parse(path.with_suffix(".glb"), _tessellate(path, chord_m))
+    return vertices_m / unit_m, triangles
+
+
+def _tessellate(path: Path, chord_m: float) -> bytes:
+    """The solids of a STEP file as GLB, in metres.   Errors: MeshError."""
+    try:
+        import cascadio
+    except ImportError:
+        raise MeshError(
+            f"{path}: STEP is read with an extra; run pip install 'crease[step]', or convert it"
+        ) from None
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "made.glb"
+        try:
+            status = cascadio.step_to_glb(str(path), str(made), chord_m * 1e3, CHORD_ANGLE_RAD)
+        except Exception as error:  # whatever the reader makes of a damaged file
+            raise MeshError(f"{path}: cannot be read as STEP: {describe(error)[:160]}") from error
+        if status != 0 or not made.exists():
+            raise MeshError(f"{path}: cannot be read as STEP; export it again")
+        return made.read_bytes()
 
 
 def _check_whole(path: Path, source: bytes) -> None:

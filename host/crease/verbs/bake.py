@@ -35,7 +35,7 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "bake",
         help="make a scene image from a static mesh and a tool mesh",
-        description="Make a scene image from two meshes (STL, OBJ, PLY, OFF, GLB).",
+        description="Make a scene image from two meshes (STL, OBJ, PLY, OFF, GLB; STEP with the extra `step`).",
     )
     parser.add_argument("static", metavar="STATIC", type=Path, help="mesh of the mock-up")
     parser.add_argument("tool", metavar="TOOL", type=Path, help="mesh of the tool")
@@ -87,6 +87,12 @@ def add_parser(sub: SubParsers) -> None:
         metavar="LENGTH",
         type=length,
         help="make open sheets this thick (default: refuse them, or leave them out beside solids)",
+    )
+    parser.add_argument(
+        "--chord",
+        metavar="LENGTH",
+        type=length,
+        help="how far triangles may lie from the surfaces of STEP files (default: 0.02mm)",
     )
     parser.add_argument(
         "--strict",
@@ -146,12 +152,17 @@ def run(args: argparse.Namespace) -> None:
 
 def read_meshes(args: argparse.Namespace, progress: Progress) -> tuple[Mesh, Mesh]:
     """STATIC and TOOL of the command line.   Errors: MeshError."""
-    from crease.mesh.mesh import load_mesh
+    from crease.mesh.mesh import CHORD_M, load_mesh
 
     sheet_m = args.sheet(args.unit) if args.sheet else None
-    static = load_mesh(args.static, args.unit, progress, sheet_m=sheet_m, strict=args.strict)
-    tool_unit = args.tool_unit or args.unit
-    return static, load_mesh(args.tool, tool_unit, progress, sheet_m=sheet_m, strict=args.strict)
+    chord_m = args.chord(args.unit) if args.chord else CHORD_M
+
+    def read(path: Path, unit_m: float) -> Mesh:
+        return load_mesh(
+            path, unit_m, progress, sheet_m=sheet_m, strict=args.strict, chord_m=chord_m
+        )
+
+    return read(args.static, args.unit), read(args.tool, args.tool_unit or args.unit)
 
 
 def bake_options(args: argparse.Namespace) -> BakeOptions:
