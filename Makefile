@@ -25,13 +25,13 @@ BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 
 FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c)
 # Other methods, for comparison: host and simulator only, never in a device library.
-RIVALS_C := $(wildcard firmware/rivals/*.c)
+RIVALS_C := $(wildcard firmware/rivals/*.c firmware/way_out/*.c)
 CONTACT_C := $(wildcard firmware/contact/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
 NATIVE_C := $(wildcard host/native/*.c)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/way_out/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
@@ -110,7 +110,7 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/way_out/*.h host/native/*.h) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
@@ -292,11 +292,14 @@ $(PEERS)/libpeers.so: $(wildcard tests/bench/peers/*.c tests/bench/peers/*.h tes
 	c++ -O2 -fPIC -Wall -Wextra $$(pkg-config --cflags bullet-float64 | sed 's/-I/-isystem /g') -c tests/bench/peers/gimpact.cpp -o $(PEERS)/gimpact.o
 	c++ -shared $(PEERS)/peers.o $(PEERS)/gimpact.o -lode -lccd $$(pkg-config --libs bullet-float64) -lm -o $@
 
-bench-peers: build/.host build/scenes/.stamp $(PEERS)/libpeers.so ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
+$(PEERS)/.libraries: $(PEERS)/libpeers.so
 	@test -x $(PEERS)/bin/python || "$(PYTHON)" -m venv $(PEERS)
 	@$(PEERS)/bin/pip install --quiet --disable-pip-version-check numpy scipy trimesh
 	@for p in $(PEERS_PIP); do $(PEERS)/bin/pip install --quiet --disable-pip-version-check --only-binary :all: $$p \
-	    || echo "bench-peers: $$p has no wheel for this machine: left out"; done
+	    || echo "bench: $$p has no wheel for this machine: left out"; done
+	@touch $@
+
+bench-peers: build/.host build/scenes/.stamp $(PEERS)/.libraries ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
 	rm -rf $(PEERS)/raw
 	$(PEERS)/bin/python tests/bench/peers/query.py meshes/scenes.toml build/meshes $(PEERS)/raw $(PEERS_SCENES) --library $(PEERS)/libpeers.so
 	@mkdir -p build/bench
@@ -309,6 +312,11 @@ bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/be
 
 bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
 	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o build/bench
+
+bench-properties: build/.develop build/meshes/.stamp $(PEERS)/.libraries ## what a contact force must have, all responses and libraries: build/properties, 10 minutes
+	rm -rf $(PEERS)/properties
+	$(PEERS)/bin/python tests/bench/peers/query.py meshes/property_scenes.toml build/meshes $(PEERS)/properties --every 4 --repeat 1 --library $(PEERS)/libpeers.so
+	$(CREASE) bench properties -o build/properties --peers $(PEERS)/properties --force
 
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(if $(QUICK),rm -rf build/stress-quick; )$(CREASE) stress $(if $(QUICK),-o build/stress-quick --cases 6 --per-chunk 6 --scenes 1,-o build/stress)
@@ -433,5 +441,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-meshes bench-properties stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -23,7 +23,7 @@ extern "C" {
 #define CR_VERSION_MINOR 1
 #define CR_VERSION_PATCH 0
 /* Version of the scene image this library reads (SPEC.md). */
-#define CR_IMAGE_VERSION 2u
+#define CR_IMAGE_VERSION 3u
 
 typedef struct {
     float x, y, z;
@@ -96,6 +96,7 @@ typedef enum {
     CR_RESPONSE_NORMAL_GROUPS,
     CR_RESPONSE_GOD_OBJECT,
     CR_RESPONSE_SPHERE_PROXY,
+    CR_RESPONSE_WAY_OUT, /* the shortest translation that leads out: way_out/README.md */
 #endif
     CR_RESPONSE_COUNT
 } cr_response;

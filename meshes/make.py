@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import paths
+import property_paths
+import property_shapes
 import scene_paths
 import shapes
 from numpy.typing import NDArray
@@ -75,7 +77,9 @@ MESHES: dict[str, Callable[[], shapes.Mesh]] = {
     "screwdriver": shapes.screwdriver,
     "stylus": shapes.stylus,
     "spanner": lambda: shapes.spanner(HERE / "wrench.dxf"),
+    **property_shapes.MESHES,
 }
+PATHS = {**scene_paths.PATHS, **property_paths.PATHS}
 
 
 def write_file(path: Path, data: bytes) -> None:
@@ -141,8 +145,8 @@ def main() -> None:
     parser.add_argument("outdir", nargs="?", type=Path, default=HERE.parent / "build" / "meshes")
     parser.add_argument("--only", metavar="NAME", help="write only this mesh or path")
     args = parser.parse_args()
-    if args.only and args.only not in MESHES and args.only not in scene_paths.PATHS:
-        parser.error(f"unknown name {args.only}; known: {' '.join([*MESHES, *scene_paths.PATHS])}")
+    if args.only and args.only not in MESHES and args.only not in PATHS:
+        parser.error(f"unknown name {args.only}; known: {' '.join([*MESHES, *PATHS])}")
     args.outdir.mkdir(parents=True, exist_ok=True)
     for name, build in MESHES.items():
         if args.only in (None, name):
@@ -153,7 +157,7 @@ def main() -> None:
             count = (len(stl) - 84) // 50
             spent = time.perf_counter() - begin
             print(f"{name}.stl: {count} triangles, {volume:.1f} mm^3, {spent:.2f} s")
-    for name, trace in scene_paths.PATHS.items():
+    for name, trace in PATHS.items():
         if args.only in (None, name):
             begin = time.perf_counter()
             made = trace()

@@ -74,7 +74,8 @@ struct cr_img_meta {
     uint8_t tool_sha256[32];
     float static_min_m[3], static_max_m[3];
     float tool_min_m[3], tool_max_m[3];
-    uint32_t reserved[4];
+    uint32_t piece_count; /* convex pieces of the tool's surface, at most CR_PIECE_NONE */
+    uint32_t reserved[3];
 };
 
 /* top[]: bit 31 clear: index of a near brick. Bit 31 set: far brick; bit 30: inside; bits 0..29: lower bound of the
@@ -138,6 +139,9 @@ struct cr_img_edge {
     float angle_rad; /* between the two normals */
 };
 
+#define CR_PIECE_NONE 0xffffu
+#define CR_PIECES 2
+
 /* 16 shell points, structure of arrays, tool frame. Unused lanes repeat the first point with zero area. */
 struct cr_img_cluster {
     float x[CR_LANES], y[CR_LANES], z[CR_LANES];
@@ -155,7 +159,7 @@ struct cr_img_cluster {
     float normal[3];           /* mean outward normal, unit or zero */
     float radius_m;            /* sphere about the mean position that holds the points */
     uint16_t beside[CR_LANES]; /* lanes of this cluster beside each lane on the tool surface */
-    uint32_t pad;
+    uint16_t piece[CR_PIECES]; /* convex pieces of the tool's surface that the samples belong to; CR_PIECE_NONE */
 };
 
 /* Sums of a cluster with every lane at full coverage, in the lane order of the tick. */

@@ -1,6 +1,7 @@
-"""Tables of REPORT.md from the CSV beside it; given a folder of `make bench-peers`, CSV and pictures come from there.
+"""Tables of REPORT.md from the CSV beside it; given a folder of results, CSV and pictures come from there.
 
-    python tests/bench/report.py [build/bench]
+    python tests/bench/report.py [build/bench]          # of make bench-peers
+    python tests/bench/report.py build/properties       # of make bench-properties
 
 Only what lies between `<!-- NAME: begin -->` and `<!-- NAME: end -->` is written; the words round it are a person's.
 """
@@ -16,10 +17,17 @@ from pathlib import Path
 
 from crease.base.errors import CreaseError
 from study.points import OURS, Point, read_points, verdict
+from study.properties.tables import markdown, read_csv, scene_table, summary_table
 
 HERE = Path(__file__).resolve().parent
 REPORT = HERE / "REPORT.md"
-FILES = ("pareto.csv", "precision.csv", "pareto.png", "pareto_more.png", "precision.png")
+PEERS_FILES = ("pareto.csv", "precision.csv", "pareto.png", "pareto_more.png", "precision.png")
+PROPERTIES_FILES = (
+    "properties.csv",
+    "properties.png",
+    "properties_zones.png",
+    "properties_paths.png",
+)
 
 
 def _row(cells: Iterable[str]) -> str:
@@ -106,6 +114,19 @@ def _precision(folder: Path) -> str:
     return _table(heads, rows)
 
 
+def _properties(folder: Path) -> dict[str, str]:
+    """Tables of the judge: every response, the zone method now, and as it was before its force was defined anew."""
+    now, before = (
+        read_csv((folder / name).read_text(encoding="utf-8"))
+        for name in ("properties.csv", "properties_before.csv")
+    )
+    return {
+        "properties": markdown(summary_table(now)),
+        "properties_zones": markdown(scene_table(now, "zones")),
+        "properties_before": markdown(scene_table(before, "zones")),
+    }
+
+
 def filled(text: str, folder: Path) -> str:
     """The report with the tables of the CSV in a folder.   Errors: CreaseError when a mark or a file is missing."""
     points = read_points(folder / "pareto.csv")
@@ -114,6 +135,7 @@ def filled(text: str, folder: Path) -> str:
         "rivals": _rivals(points),
         "verdict": _verdict(points),
         "precision": _precision(folder),
+        **_properties(folder),
     }
     for name, table in tables.items():
         begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
@@ -128,11 +150,15 @@ def main() -> int:
     """Command line: see the top of the file."""
     try:
         if len(sys.argv) == 2:
-            for name in FILES:
-                shutil.copyfile(Path(sys.argv[1]) / name, HERE / name)
+            folder = Path(sys.argv[1])
+            for name in PROPERTIES_FILES if (folder / "properties.csv").exists() else PEERS_FILES:
+                shutil.copyfile(folder / name, HERE / name)
         REPORT.write_text(filled(REPORT.read_text(encoding="utf-8"), HERE), encoding="utf-8")
     except (OSError, CreaseError) as error:
-        print(f"error: {error}; run `make bench-peers` first", file=sys.stderr)
+        print(
+            f"error: {error}; run `make bench-peers` or `make bench-properties` first",
+            file=sys.stderr,
+        )
         return 1
     print(REPORT)
     return 0

@@ -265,6 +265,7 @@ static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double 
     m->crease_angle_rad = 0.5236f;
     m->static_unit_m = m->tool_unit_m = 1.0f;
     m->patch_count = (uint32_t)crt_facets(s);
+    m->piece_count = 1u;
 }
 
 /* Samples and cells of one near brick whose low corner is given. */

@@ -172,6 +172,7 @@ def _meta(
         "point_count": shell.points,
         "levels": shell.levels,
         "patch_count": surface.counts["patches"],
+        "piece_count": shell.pieces,
         "static_triangles": len(static.triangles),
         "tool_triangles": len(tool.triangles),
         "static_unit_m": static.unit_m,

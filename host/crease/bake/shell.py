@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from crease.bake.layout import CLUSTER, GROUP, LANES, NEIGHBOUR, SUM
+from crease.bake.pieces import PIECE_NONE, mark_pieces
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
 from crease.base.native import ffi, lib
@@ -76,6 +77,7 @@ class Shell:
     root_radius_m: float
     tool_radius_m: float
     area_m2: float
+    pieces: int
 
 
 def _unit(v: F64) -> F64:
@@ -390,11 +392,18 @@ def halve(points: F64, ids: I64, most: int) -> list[I64]:
     return groups
 
 
-def cluster_order(samples: Samples, spacing_m: float) -> list[I64]:
-    """Samples in clusters of at most LANES, each on one patch (tiny patches share), neighbours near in the list."""
+def cluster_order(samples: Samples, spacing_m: float, pieces: I64 | None = None) -> list[I64]:
+    """Samples in clusters of at most LANES, each on one patch (tiny patches share), neighbours near in the list.
+
+    pieces: (n, 2) convex pieces of each sample; no cluster spans several.
+    """
     lifted = np.hstack([samples.position_m, CLUSTER_NORMAL_WEIGHT * spacing_m * samples.normal])
     size = np.bincount(samples.patch)[samples.patch]
     home = np.where(size >= SMALL_PATCH, samples.patch, -1)
+    if pieces is not None:
+        home = np.unique(np.column_stack([home, pieces]), axis=0, return_inverse=True)[1].reshape(
+            -1
+        )
     order = np.argsort(home, kind="stable")
     bounds = np.flatnonzero(np.diff(home[order])) + 1
     clusters = [group for part in np.split(order, bounds) for group in halve(lifted, part, LANES)]
@@ -575,11 +584,28 @@ def make_adjacency(
     return start, out
 
 
+def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
+    """The two largest convex pieces of each sample, (n, 2); of a feature, those of the nearest face sample."""
+    face = np.flatnonzero(~samples.feature)
+    faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
+    order = cluster_order(faces, spacing_m)
+    of_cluster = mark_pieces(
+        make_clusters(faces, order)["normal"], faces.position_m, order, spacing_m, surface
+    )
+    of_face = np.empty((len(face), 2), np.int64)
+    for ids, piece in zip(order, of_cluster, strict=True):
+        of_face[ids] = piece
+    nearest = cKDTree(faces.position_m).query(samples.position_m)[1]
+    return np.asarray(of_face[nearest])
+
+
 def make_shell(surface: Surface, spacing_m: float) -> Shell:
     """The complete shell of a tool mesh."""
     samples = make_samples(surface, spacing_m)
-    order = cluster_order(samples, spacing_m)
+    pieces = pieces_of(samples, spacing_m, surface)
+    order = cluster_order(samples, spacing_m, pieces)
     clusters = make_clusters(samples, order)
+    clusters["piece"] = [pieces[ids[0]] for ids in order]
     groups, levels = make_tree(clusters)
     start, adj = make_adjacency(clusters, order, neighbours(samples, spacing_m))
     root, radius = ball(samples.position_m, np.zeros(len(samples.position_m)))
@@ -598,4 +624,5 @@ def make_shell(surface: Surface, spacing_m: float) -> Shell:
         float(_up(radius)),
         float(_up(np.linalg.norm(samples.position_m, axis=1).max())),
         float(np.linalg.norm(samples.area_m2[~samples.feature], axis=1).sum()),
+        int(pieces[pieces < PIECE_NONE].max()) + 1,
     )

@@ -17,7 +17,7 @@ from crease.verbs.common import (
     whole,
 )
 
-NAMES = ("pareto", "precision", "scaling", "ablation")
+NAMES = ("properties", "pareto", "precision", "scaling", "ablation")
 QUICK_EVERY, QUICK_REPEAT = 8, 3
 
 
@@ -25,8 +25,9 @@ def add_parser(sub: SubParsers) -> None:
     """The command line of the verb."""
     parser = sub.add_parser(
         "bench",
-        help="run time against error, precision, scaling, ablation",
-        description="pareto: time and error over voxel size, sample spacing, tessellation, coverage and response. "
+        help="properties of the force, run time against error, precision, scaling, ablation",
+        description="properties: nine properties that a contact force must have, on scenes of their own. "
+        "pareto: time and error over voxel size, sample spacing, tessellation, coverage and response. "
         "precision: float32 against double. "
         "scaling: scenes and shells from 1k to 1M. ablation: each level of skipping switched off. "
         "Images that are not baked yet are baked into DIR/images.",
@@ -48,13 +49,38 @@ def add_parser(sub: SubParsers) -> None:
         "--peers",
         metavar="FILE",
         type=Path,
-        help="points of rival libraries, from `make bench-peers`",
+        help="of rival libraries: points, from `make bench-peers`; properties: folder of answers",
     )
     parser.add_argument(
         "--repeat", metavar="N", type=whole, default=20, help="times are the least of N runs (20)"
     )
+    parser.add_argument(
+        "--table",
+        metavar="FILE",
+        type=Path,
+        default=Path("meshes/property_scenes.toml"),
+        help="properties: table of scenes (meshes/property_scenes.toml)",
+    )
+    parser.add_argument(
+        "--scenes", metavar="NAME,...", type=words, default=(), help="properties: only these scenes"
+    )
+    parser.add_argument(
+        "--responses",
+        metavar="NAME,...",
+        type=words,
+        default=(),
+        help="properties: only these responses",
+    )
+    parser.add_argument(
+        "--search", action="store_true", help="properties: the worst poses near the paths instead"
+    )
     add_force(parser)
     parser.set_defaults(run=run)
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    return tuple(name for name in text.split(",") if name)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -69,14 +95,15 @@ def run(args: argparse.Namespace) -> None:
     there = [out / f"{name}.txt" for name in names if (out / f"{name}.txt").exists()]
     if there and not args.force:
         raise CreaseError(f"{there[0]}: exists already; give --force to replace it")
-    # The meshes of scaling are made on the way.
-    if names != ("scaling",):
+    # The meshes of scaling are made on the way, the images of properties too.
+    if names not in (("scaling",), ("properties",)):
         check_inputs(args)
     make_folder(out)
     every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
     setup = study.BenchSetup(
         args.meshes, args.images, out, every, repeat,
         exact=args.exact, peers=args.peers, quick=args.quick,
+        property_scenes=args.table, scenes=args.scenes, responses=args.responses, search=args.search,
     )  # fmt: skip
     for name in names:
         result = study.run_bench(name, setup)

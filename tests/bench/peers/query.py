@@ -1,6 +1,6 @@
 """Rival libraries asked for the contact of two meshes, pose by pose. Runs in the environment of `make bench-peers`.
 
-    python query.py TABLE MESHES OUT [--every N] [--repeat N] --library LIBPEERS.so SCENE...
+    python query.py TABLE MESHES OUT [--every N] [--repeat N] --library LIBPEERS.so [SCENE...]
 
 Writes OUT/LIBRARY-PATH.npz: normal (n, 3), out of the static object; depth_m (n,); time_us (n,), least of `repeat`;
 which rows of the path. A library with several contacts answers with the deepest depth, along the mean of the normals
@@ -245,7 +245,7 @@ def main() -> None:
     parser.add_argument("table", type=Path, help="meshes/scenes.toml")
     parser.add_argument("meshes", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("scenes", nargs="+", metavar="SCENE")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help="all of the table")
     parser.add_argument("--every", type=int, default=40)
     parser.add_argument("--repeat", type=int, default=10)
     parser.add_argument("--library", type=Path, required=True, help="peers.c as a shared library")
@@ -259,8 +259,9 @@ def main() -> None:
         "MuJoCo SDF": run_mujoco, "FCL": run_fcl, "Coal": run_coal,
     }  # fmt: skip
     missing = {}
-    for path in args.scenes:
-        rows = np.loadtxt(args.meshes / f"{path}.csv", delimiter=",", skiprows=1)[:: args.every]
+    for path in args.scenes or table:
+        file = args.meshes / table[path]["path"]
+        rows = np.loadtxt(file, delimiter=",", skiprows=1)[:: args.every]
         bodies = [Body(args.meshes / table[path][name]) for name in ("static", "tool")]
         for name, library in libraries.items():
             try:

@@ -22,11 +22,18 @@ Exact = dict[str, F64]
 
 @dataclass(frozen=True)
 class BenchSetup(Setup):
-    """Folders as for the experiments; where the exact tables are, points of rivals, and whether to be quick."""
+    """Folders as for the experiments; where the exact tables are, points of rivals, and whether to be quick.
+
+    property_scenes, scenes, responses, search: of `properties`; nothing named means all.
+    """
 
     exact: Path = Path("tests/golden/exact")
     peers: Path | None = None
     quick: bool = False
+    property_scenes: Path = Path("meshes/property_scenes.toml")
+    scenes: tuple[str, ...] = ()
+    responses: tuple[str, ...] = ()
+    search: bool = False
 
     def exact_of(self, path: str) -> Exact:
         """The exact table of a path, thinned out as the path is.   Errors: CreaseError."""

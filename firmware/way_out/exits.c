@@ -1,0 +1,130 @@
+/* exits: the longest way to the first exit from anywhere on a piece of tool surface. README.md "Depth".
+ *
+ * Over planes the way to the first exit is the least of those through each of them: the least of some linear functions. Its greatest value on
+ * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
+#include "way_out/way_out.h"
+
+/* A piece of face is taken to reach this many half-widths from its middle, and fades out from one on: pieces overlap, none leaves a gap. */
+#define FACE_REACH 1.4f
+/* Exits that are compared on a piece: the shortest ones. */
+#define RIVALS_MAX 4u
+
+static cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec3 v) {
+    return v3(c->wxx[i] * v.x + c->wxy[i] * v.y + c->wzx[i] * v.z, c->wxy[i] * v.x + c->wyy[i] * v.y + c->wyz[i] * v.z,
+              c->wzx[i] * v.x + c->wyz[i] * v.y + c->wzz[i] * v.z);
+}
+
+/* How long the way is to the first exit from a place u beside the middle of the piece; planes that it does not leave through only bound the inside. */
+static float first_exit(const cr_way_exits *e, cr_vec3 u) {
+    float least = 3.0e38f;
+    for (uint32_t k = 0; k < e->count; k++) {
+        const float height = e->height_m[k] + v3_dot(e->normal[k], u);
+        if (e->leaves[k] > CR_WAY_LEAVES_MIN || height > 0.0f) {
+            least = min_f(least, -height / max_f(e->leaves[k], CR_WAY_LEAVES_MIN));
+        }
+    }
+    return least < 3.0e38f ? least : 0.0f;
+}
+
+/* An exit that may be the first somewhere on the piece: how long at the middle, its gradient, and W times that. */
+typedef struct {
+    float way_m;
+    cr_vec3 gradient, spread;
+} rival;
+
+/* The exits that may be first somewhere within reach half-widths of the middle, the shortest ones. */
+static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_exits *e, float reach, rival *out) {
+    uint32_t count = 0u;
+    float most = 3.0e38f;
+    for (uint32_t k = 0; k < e->count; k++) {
+        if (!(e->leaves[k] > CR_WAY_LEAVES_MIN)) {
+            continue;
+        }
+        const float inverse = -1.0f / e->leaves[k];
+        rival r = {e->height_m[k] * inverse, v3_scale(e->normal[k], inverse), {0.0f, 0.0f, 0.0f}};
+        r.spread = spread_times(c, i, r.gradient);
+        most = min_f(most, r.way_m + 0.5f * reach * sqrtf(max_f(0.0f, v3_dot(r.gradient, r.spread))));
+        uint32_t at = count < RIVALS_MAX ? count++ : RIVALS_MAX;
+        for (; at > 0u && out[at - 1u].way_m > r.way_m; at--) {
+            if (at < RIVALS_MAX) {
+                out[at] = out[at - 1u];
+            }
+        }
+        if (at < RIVALS_MAX) {
+            out[at] = r;
+        }
+    }
+    while (count > 1u &&
+           out[count - 1u].way_m -
+                   0.5f * reach * sqrtf(max_f(0.0f, v3_dot(out[count - 1u].gradient, out[count - 1u].spread))) >
+               most) {
+        count--;
+    }
+    return count;
+}
+
+/* A place on a piece: u = W y from its middle; 2 sqrt(y W y) is 1 at its border. */
+typedef struct {
+    cr_vec3 u, y;
+} place;
+
+/* Exit at a place of a piece, as far as it is on it: a piece of face fades out from its border on and bends back behind its plane. */
+static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, place p, float base_m) {
+    const float out = 2.0f * sqrtf(max_f(0.0f, v3_dot(p.u, p.y)));
+    if ((c->crease_mask >> i) & 1u) {
+        return out <= 1.001f ? first_exit(e, p.u) : base_m;
+    }
+    const float part = clamp_f((FACE_REACH - out) / (FACE_REACH - 1.0f), 0.0f, 1.0f);
+    return part > 0.0f ? base_m + part * (first_exit(e, p.u) - c->bow[i] * out * out - base_m) : base_m;
+}
+
+/* Nearest place where two exits are as long as each other. */
+static int tie_of_two(const rival *a, const rival *b, place *p) {
+    const cr_vec3 y = v3_sub(a->gradient, b->gradient), u = v3_sub(a->spread, b->spread);
+    const float size = v3_dot(y, u);
+    if (!(size > 0.0f)) {
+        return 0;
+    }
+    const float s = (b->way_m - a->way_m) / size;
+    p->u = v3_scale(u, s);
+    p->y = v3_scale(y, s);
+    return 1;
+}
+
+/* Where three are: the tip of a static corner. */
+static int tie_of_three(const rival *a, const rival *b, const rival *c, place *p) {
+    const cr_vec3 y = v3_sub(a->gradient, b->gradient), z = v3_sub(a->gradient, c->gradient);
+    const cr_vec3 u = v3_sub(a->spread, b->spread), v = v3_sub(a->spread, c->spread);
+    const float yu = v3_dot(y, u), yv = v3_dot(y, v), zv = v3_dot(z, v), det = yu * zv - yv * yv;
+    if (!(det > 1e-4f * yu * zv)) {
+        return 0;
+    }
+    const float f = b->way_m - a->way_m, g = c->way_m - a->way_m;
+    const float s = (f * zv - g * yv) / det, t = (g * yu - f * yv) / det;
+    p->u = v3_mad(v3_scale(u, s), v, t);
+    p->y = v3_mad(v3_scale(y, s), z, t);
+    return 1;
+}
+
+/* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
+float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *e) {
+    const int is_crease = (int)((c->crease_mask >> i) & 1u);
+    rival r[RIVALS_MAX];
+    place p = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
+    const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : FACE_REACH, r);
+    const float base = max_f(0.0f, first_exit(e, p.u));
+    float best = base;
+    if (is_crease && count > 0u) {
+        const cr_vec3 end = v3_scale(v3_unit(r[0].spread, 0.0f), c->reach[i]);
+        best = max_f(best, max_f(first_exit(e, end), first_exit(e, v3_scale(end, -1.0f))));
+    }
+    for (uint32_t a = 0; a < count; a++) {
+        for (uint32_t b = 0; b < a; b++) {
+            best = tie_of_two(&r[a], &r[b], &p) ? max_f(best, exit_at(c, i, e, p, base)) : best;
+            for (uint32_t d = 0; d < b && !is_crease; d++) {
+                best = tie_of_three(&r[a], &r[b], &r[d], &p) ? max_f(best, exit_at(c, i, e, p, base)) : best;
+            }
+        }
+    }
+    return best;
+}

@@ -1,0 +1,296 @@
+/* relate: zones into half-spaces. README.md "Half-spaces".
+ *
+ * Zones of one piece of the tool whose static surfaces meet convexly share one way out; those that meet concavely have one each. In
+ * between each counts for the other by a part that changes continuously. */
+#include "way_out/way_out.h"
+
+/* Sine of the elevation of a zone above the plane of another from which on they are apart. */
+#define APART_SINE 0.2f
+/* What is left of a sum outside the cone of the normals touched is sampling error up to this share of it. */
+#define OUTSIDE 0.3f
+/* Zones that hold less than this share of all weight are not trusted to know a way out that no normal touched tells. */
+#define RULES_FROM 0.5f
+/* Part of a sum that the normals must explain to lead: in full, and not at all. */
+#define LEADS 0.5f
+#define LEADS_FROM 0.2f
+/* Share of the weight below which a sum gives no direction. The answer fades. */
+#define OPEN_MIN 0.01f
+/* Relations that differ by less than this are one. */
+#define SAME 1e-3f
+/* Difference of two normals from which on they are not one direction. */
+#define ONE_WAY 0.2f
+#define SWEEPS 32
+/* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. */
+#define TWICE 2.0f
+/* Weight of two zones, as a share of that of a third, from which on their disagreement counts in full. */
+#define COUNTS 0.3f
+/* A zone by its means. */
+typedef struct {
+    cr_vec3 normal; /* of the static surface: the shorter the more it is spread */
+    cr_vec3 unit;   /* the same of length 1 */
+    cr_vec3 touched;
+} means;
+
+static means means_of(const cr_way_zone *z) {
+    const float inverse = 1.0f / z->weight_m3;
+    const means m = {v3_scale(z->normal_m3, inverse), v3_unit(z->normal_m3, 1e-3f * z->weight_m3),
+                     v3_scale(z->touched_m4, inverse)};
+    return m;
+}
+
+/* How high one of two places of a surface, with their outward normals, lies above the plane of the other: a sine. */
+static float rise_of(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m) {
+    const cr_vec3 way = v3_sub(q, p);
+    const float far = v3_norm(way), high = max_f(v3_dot(way, n), -v3_dot(way, m));
+    return far > 0.0f ? high / far : 0.0f;
+}
+
+static float part_at(float rise) { return clamp_f(1.0f - rise / APART_SINE, 0.0f, 1.0f); }
+
+/* Standard deviation of directions whose mean has this length. */
+static float spread_of(cr_vec3 mean) { return sqrtf(max_f(0.0f, 2.0f * (1.0f - v3_norm(mean)))); }
+
+/* 1 where two pieces of a surface, by the means of their places and outward normals, bend away from each other or lie in one plane; 0 where they bend
+ * towards each other, or one lies above the other. The mean normals are as short as they are spread: so pieces of a sphere are told right whatever their
+ * extent. */
+static float meet(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m) {
+    const cr_vec3 way = v3_sub(q, p);
+    const float far = v3_norm(way), bent = 0.5f * v3_dot(way, v3_sub(n, m));
+    const float above = max_f(v3_dot(way, n), -v3_dot(way, m)) - far * (spread_of(n) + spread_of(m));
+    return far > 0.0f ? part_at(max_f(bent, above) / far) : 1.0f;
+}
+
+/* How the creases are labelled at which two patches meet. */
+static uint32_t label_of(const cr_scene *s, uint32_t a, uint32_t b) {
+    const uint32_t first = a < b ? a : b, second = a < b ? b : a;
+    uint32_t low = 0u, high = s->pair_count;
+    while (low < high) {
+        const uint32_t mid = low + (high - low) / 2u;
+        const struct cr_img_pair *p = &s->pairs[mid];
+        if (p->first < first || (p->first == first && p->second < second)) {
+            low = mid + 1u;
+        } else {
+            high = mid;
+        }
+    }
+    return low < s->pair_count && s->pairs[low].first == first && s->pairs[low].second == second ? s->pairs[low].label
+                                                                                                 : 0u;
+}
+
+/* The relation of two zones of one piece: by the label of the crease of their patches where there is but one, else by the means. */
+static float meet_static(const cr_scene *s, const cr_way_zone *za, const cr_way_zone *zb, const means *a,
+                         const means *b) {
+    if (za->key.surface == CR_WAY_NONE || zb->key.surface == CR_WAY_NONE ||
+        (za->key.surface == zb->key.surface && (za->key.surface & CR_WAY_CURVED) == 0u)) {
+        return 1.0f;
+    }
+    const uint32_t label = za->patch == zb->patch ? 0u : label_of(s, za->patch, zb->patch);
+    if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
+        return label == CR_PAIR_CONVEX ? 1.0f : 0.0f;
+    }
+    return meet(a->touched, a->normal, b->touched, b->normal);
+}
+
+/* Zones that are related to one but not to each other leave it no direction of its own: it does not lead, as far as they weigh. */
+static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, const means *m, uint32_t a) {
+    float conflict = 0.0f;
+    for (uint32_t b = 0; b < zones->count; b++) {
+        for (uint32_t c = 0; c < b && r->part[a][b] > 0.0f && b != a; c++) {
+            const float less = min_f(zones->zones[b].weight_m3, zones->zones[c].weight_m3);
+            const float counts = min_f(1.0f, less / (COUNTS * zones->zones[a].weight_m3));
+            const float turned = min_f(1.0f, v3_norm(v3_sub(m[b].unit, m[c].unit)));
+            const float both = min_f(1.0f, 2.0f * r->part[a][b]) * min_f(1.0f, 2.0f * r->part[a][c]);
+            conflict =
+                c == a
+                    ? conflict
+                    : max_f(conflict,
+                            both *
+                                (zones->zones[b].key.piece == zones->zones[c].key.piece ? 1.0f - r->part[b][c] : 0.0f) *
+                                counts * turned);
+        }
+    }
+    return 1.0f - conflict;
+}
+
+/* Of the surfaces that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
+ * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). */
+static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const float *alpha) {
+    cr_vec3 of[CR_WAY_ZONES_MAX], sum = v3(0.0f, 0.0f, 0.0f);
+    uint32_t surface[CR_WAY_ZONES_MAX], count = 0u;
+    float most = 0.0f;
+    for (uint32_t c = 0; c < zones->count; c++) {
+        uint32_t s = 0u;
+        while (s < count && surface[s] != zones->zones[c].key.surface) {
+            s++;
+        }
+        if (s == count) {
+            surface[count] = zones->zones[c].key.surface;
+            of[count++] = v3(0.0f, 0.0f, 0.0f);
+        }
+        of[s] = v3_mad(of[s], m[c].unit, alpha[c]);
+        most = max_f(most, v3_norm(of[s]));
+    }
+    for (uint32_t s = 0; s < count; s++) {
+        const float size = v3_norm(of[s]);
+        const float r = most > 0.0f ? size / most : 0.0f;
+        sum = v3_mad(sum, of[s], r * (2.5f - 1.5f * r));
+    }
+    return sum;
+}
+
+/* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. Projected
+ * Gauss-Seidel; a normal that is related by a part only is held back. */
+static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float *part, cr_vec3 sum, float rules) {
+    float alpha[CR_WAY_ZONES_MAX];
+    cr_vec3 left = sum;
+    const float size = v3_norm(sum);
+    const uint32_t count = zones->count;
+    for (uint32_t c = 0; c < count; c++) {
+        alpha[c] = part[c] * max_f(0.0f, v3_dot(zones->zones[c].push_m3, m[c].unit));
+        left = v3_mad(left, m[c].unit, -alpha[c]);
+    }
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        float moved = 0.0f;
+        for (uint32_t c = 0; c < count; c++) {
+            if (!(part[c] > 0.0f)) {
+                continue;
+            }
+            const float held = 1.0f / part[c] - 1.0f;
+            const float most = part[c] * TWICE * zones->zones[c].weight_m3;
+            const float next =
+                clamp_f(alpha[c] + (v3_dot(m[c].unit, left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
+            left = v3_mad(left, m[c].unit, alpha[c] - next);
+            moved = max_f(moved, abs_f(next - alpha[c]));
+            alpha[c] = next;
+        }
+        if (moved <= 1e-6f * size) {
+            break;
+        }
+    }
+    sum = v3_scale(favour_large(zones, m, alpha), 1.0f);
+    const float outside = v3_norm(left);
+    const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));
+    return v3_mad(sum, left, kept);
+}
+
+/* Planes that zone a is below: of the flat zones that it is related to and does not lie above. */
+static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const cr_way_relations *r, const means *m,
+                        uint32_t a, cr_way_half *out) {
+    out->bound_count = 0u;
+    for (uint32_t c = 0; c < zones->count && out->bound_count < CR_WAY_BOUNDS_MAX; c++) {
+        const cr_way_zone *z = &zones->zones[c];
+        const int sure = a == c || (z->patch != zones->zones[a].patch &&
+                                    label_of(scene, z->patch, zones->zones[a].patch) == CR_PAIR_CONVEX);
+        const float held =
+            r->part[a][c] * (sure ? 1.0f : part_at(rise_of(m[a].touched, m[a].unit, m[c].touched, m[c].unit)));
+        if ((z->key.surface & CR_WAY_CURVED) != 0u || !(held > 0.0f)) {
+            continue;
+        }
+        uint32_t b = 0u;
+        while (b < out->bound_count && out->bounds[b].facet != z->key.surface) {
+            b++;
+        }
+        cr_way_bound *bound = &out->bounds[b];
+        if (b == out->bound_count) {
+            out->bound_count++;
+            bound->part = bound->deep_m = bound->weight_m3 = 0.0f;
+        }
+        bound->facet = z->key.surface;
+        bound->normal = m[c].unit;
+        bound->offset_m = -v3_dot(m[c].unit, m[c].touched);
+        bound->part = max_f(bound->part, held);
+        bound->deep_m = max_f(bound->deep_m, held * z->deep_m);
+        bound->weight_m3 += held * z->weight_m3;
+    }
+}
+
+static int rows_agree(const float *a, const float *b, uint32_t count) {
+    for (uint32_t c = 0; c < count; c++) {
+        if (abs_f(a[c] - b[c]) > SAME) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* Normal and arm of the zones that one zone is related to, each by its part. */
+static void make_half(const cr_way_zones *zones, const means *m, const float *part, float whole_m3, cr_way_half *out) {
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
+    float weight = 0.0f;
+    out->deep_m = 0.0f;
+    for (uint32_t c = 0; c < zones->count; c++) {
+        const cr_way_zone *z = &zones->zones[c];
+        out->deep_m = max_f(out->deep_m, part[c] * z->deep_m);
+        sum = v3_mad(sum, z->push_m3, part[c]);
+        turn = v3_mad(turn, z->turn_m4, part[c]);
+        centre = v3_mad(centre, z->centre_m4, part[c]);
+        weight += part[c] * z->weight_m3;
+    }
+    out->rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
+    const cr_vec3 way = into_cone(zones, m, part, sum, out->rules);
+    const float length = v3_norm(way), size = v3_norm(sum),
+                led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
+    out->zones = 0u;
+    out->weight_m3 = weight;
+    out->depth_m = 0.0f;
+    out->normal = v3_unit(way, 1e-6f * weight);
+    turn = v3_add(turn, v3_cross(v3_scale(centre, 1.0f / weight), v3_sub(way, sum)));
+    out->arm_m = v3_scale(turn, 1.0f / max_f(length, 1e-30f));
+    out->open = min_f(1.0f, size / (OPEN_MIN * weight)) * clamp_f(led, 0.0f, 1.0f);
+}
+
+static void relate_all(const cr_scene *scene, const cr_way_zones *zones, const means *m, cr_way_relations *r) {
+    for (uint32_t a = 0; a < zones->count; a++) {
+        r->part[a][a] = 1.0f;
+        for (uint32_t b = 0; b < a; b++) {
+            const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
+            r->part[a][b] = r->part[b][a] =
+                za->key.piece == zb->key.piece ? meet_static(scene, za, zb, &m[a], &m[b]) : 0.0f;
+        }
+    }
+}
+
+/* Half-spaces of one direction: the sum of their moments acts for each, by their weights, so that which of them is deepest by a hair does not matter. */
+static void share_arms(cr_way_half *half, uint32_t count) {
+    cr_vec3 arm[CR_WAY_ZONES_MAX];
+    for (uint32_t i = 0; i < count; i++) {
+        cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+        float total = 0.0f;
+        for (uint32_t j = 0; j < count; j++) {
+            const float one = clamp_f(1.0f - v3_norm(v3_sub(half[i].normal, half[j].normal)) / ONE_WAY, 0.0f, 1.0f);
+            sum = v3_mad(sum, half[j].arm_m, one * half[j].weight_m3);
+            total += one * half[j].weight_m3;
+        }
+        arm[i] = v3_scale(sum, 1.0f / total);
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        half[i].arm_m = arm[i];
+    }
+}
+
+uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *r, cr_way_half *out) {
+    means m[CR_WAY_ZONES_MAX];
+    uint32_t count = 0u, first[CR_WAY_ZONES_MAX];
+    float whole = 0.0f;
+    for (uint32_t a = 0; a < zones->count; a++) {
+        m[a] = means_of(&zones->zones[a]);
+        whole += zones->zones[a].weight_m3;
+    }
+    relate_all(scene, zones, m, r);
+    for (uint32_t a = 0; a < zones->count; a++) {
+        uint32_t h = 0u;
+        r->lead[a] = lead_of(zones, r, m, a);
+        while (h < count && !rows_agree(r->part[a], r->part[first[h]], zones->count)) {
+            h++;
+        }
+        if (h == count) {
+            make_half(zones, m, r->part[a], whole, &out[h]);
+            find_bounds(scene, zones, r, m, a, &out[h]);
+            first[count++] = a;
+        }
+        out[h].zones |= 1u << a;
+        r->half_of[a] = h;
+    }
+    share_arms(out, count);
+    return count;
+}

@@ -1,0 +1,129 @@
+/* The way out: a contact pushes with the shortest translation that leads out of the obstacle. Host only, compiled with CR_RIVALS, until it takes
+ * the place of the zones; README.md has the idea, what holds and what does not yet.
+ *
+ *     hits -> gather -> zones -> relate -> half-spaces -> depth_along -> resolve -> contacts
+ *
+ * Everything between gather and resolve is in the tool frame. Units m; a force divided by the stiffness is a length. */
+#ifndef CR_WAY_OUT_H
+#define CR_WAY_OUT_H
+
+#include "contact/stages.h"
+
+/* Zones of a tick: a static facet, or a side of a curved surface, that one piece of the tool is inside of. Bits of a word. */
+#define CR_WAY_ZONES_MAX 24u
+
+/* Sides of a curved surface: the directions of the axes. A sample counts for those that its normal has a part of. */
+#define CR_WAY_SIDES 6u
+
+/* Key of a zone. */
+typedef struct {
+    uint32_t surface; /* facet; CR_WAY_CURVED with a patch; CR_WAY_DEEP or CR_WAY_NONE */
+    uint32_t side;    /* below CR_WAY_SIDES; 0 on a facet */
+    uint32_t piece;   /* of the tool */
+} cr_way_key;
+#define CR_WAY_CURVED 0x80000000u
+#define CR_WAY_DEEP 0xfffffffeu /* far from any facet: only the direction of the distance is known */
+#define CR_WAY_NONE 0xffffffffu /* not even that */
+
+/* What a piece of the tool is inside of. */
+typedef struct {
+    cr_way_key key;
+    uint32_t patch;
+    float weight_m3; /* sum of depth times area */
+    float area_m2;   /* covered */
+    float deep_m;    /* of the deepest sample */
+    cr_vec3
+        push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
+    cr_vec3 turn_m4;                          /* moment of that about the tool origin */
+    cr_vec3 centre_m4, normal_m3, touched_m4; /* weight times sample, static normal, nearest static point */
+} cr_way_zone;
+
+typedef struct {
+    uint32_t count, dropped;
+    cr_way_zone zones[CR_WAY_ZONES_MAX];
+} cr_way_zones;
+
+/* Purpose  the zones of all hits.   Output  *zones; dropped counts samples whose zone did not fit.   Cost  a lookup a hit that has no planes. */
+void cr_way_gather(const cr_respond_input *in, cr_way_zones *zones);
+
+/* Purpose  zone of a key, or CR_WAY_NONE. */
+uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key);
+
+/* Purpose  planes that give the distance at and round a hit, turned into the tool frame.   Output  0 when there are none: at and world are looked up. */
+int cr_way_planes(const cr_respond_input *in, const cr_hit *hit, cr_planes *planes, cr_lanes3 *world, cr_lookup *at);
+
+/* Facets that a looked-up sample is inside of, and how much it counts for each. */
+typedef struct {
+    uint32_t count;
+    uint32_t facet[CR_KIND_FACETS_MAX];
+    float share[CR_KIND_FACETS_MAX];
+    uint32_t apart; /* 1: each answers by its own height: they meet concavely */
+} cr_way_facets;
+
+void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
+
+/* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
+float cr_way_share(cr_vec3 direction, uint32_t side);
+
+/* A static plane that bounds what a half-space leads out of: height = normal . p + offset. */
+typedef struct {
+    uint32_t facet;
+    cr_vec3 normal;
+    float offset_m;
+    float part;   /* 0..1: how far it belongs there */
+    float deep_m; /* of the deepest sample that is nearest to it */
+    float weight_m3;
+} cr_way_bound;
+#define CR_WAY_BOUNDS_MAX 6u
+
+/* Zones that answer as one: the tool is out of their obstacle once it has moved by depth along normal. */
+typedef struct {
+    uint32_t zones; /* bits */
+    cr_vec3 normal; /* unit, or zero */
+    float weight_m3, depth_m;
+    float deep_m;  /* of the deepest sample in its zones */
+    float open;    /* 0..1: how far the zones have a direction */
+    float rules;   /* 0..1: how far they hold most of the weight */
+    cr_vec3 arm_m; /* torque about the tool origin of a unit force along normal */
+    uint32_t bound_count;
+    cr_way_bound bounds[CR_WAY_BOUNDS_MAX];
+} cr_way_half;
+
+/* How zones belong together. */
+typedef struct {
+    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two */
+    float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
+    uint32_t half_of[CR_WAY_ZONES_MAX];
+} cr_way_relations;
+
+/* Purpose  half-spaces of the zones: normals, arms, bounds; no depth yet.   Output  out[0..return). */
+uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations, cr_way_half *out);
+
+/* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit. */
+void cr_way_measure(const cr_respond_input *in, const cr_way_zones *zones, const cr_way_relations *relations,
+                    cr_way_half *half);
+
+#define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
+
+/* Planes that a sample is below, and how steeply the way leaves through each: exit = -height / leaves. */
+typedef struct {
+    uint32_t count;
+    cr_vec3 normal[CR_WAY_EXITS_MAX]; /* outward */
+    float height_m[CR_WAY_EXITS_MAX];
+    float leaves[CR_WAY_EXITS_MAX]; /* normal . way */
+} cr_way_exits;
+
+/* A plane that the way leaves less steeply than this is not left through. */
+#define CR_WAY_LEAVES_MIN 1e-3f
+
+/* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m. */
+float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits);
+
+/* Purpose  how much each half-space pushes: the sum of lambda normal is the shortest translation out of all; those that oppose each other do not see each other.
+ * Shapes   normal unit, depth_m, out lambda_m: [count]. */
+void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *lambda_m);
+
+/* Purpose  the response.   Output  out[0..return), a contact for each half-space that pushes. */
+uint32_t cr_way_answer(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room);
+
+#endif

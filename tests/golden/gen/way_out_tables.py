@@ -1,0 +1,77 @@
+"""Exact way out of every scene: force, torque, depth and normal from convex pieces, without quadrature.
+
+    python tests/golden/gen/way_out_tables.py SCENE|all [--every N] [--skip SCENE] [-o DIR]
+
+Reads meshes/scenes.toml and build/meshes (made by meshes/make.py), writes tests/golden/exact_new/NAME.csv.gz: the same
+bytes on every run, columns as in README.md; `areas` is the number of contacts that push. Definitions: force/README.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from exact import ROOT, Floats, read_path, summary, table_bytes
+from overlap import make_solid, read_stl
+from way_out import contact, make_body
+
+# Contacts that push less than this (mm) are not counted.
+PUSHES_MM = 1e-6
+
+
+def solve_scene(scene: dict[str, Any], meshes: Path, every: int) -> tuple[Floats, str]:
+    """Rows (n, 13) of one scene and its summary line. Errors: ValueError if a body has no cover."""
+    solids = [make_solid(*read_stl(meshes / scene[k])) for k in ("static", "tool")]
+    static, tool = map(make_body, solids)
+    trace = read_path(meshes / scene["path"])
+    ticks = np.arange(len(trace.t_s))
+    ticks = ticks[(ticks % every == 0) | (ticks % every == 1)]
+    matrix = trace.attitude.as_matrix()
+    rows = []
+    for i in ticks:
+        found = contact(static, tool, matrix[i], trace.position_mm[i])
+        moved = solids[1].body.transform(np.column_stack([matrix[i], trace.position_mm[i]]))
+        depth, normal = 0.0, np.zeros(3)
+        for half in found.halves:
+            if half.depth_mm > depth:
+                depth, normal = half.depth_mm, half.normal
+        head = [trace.t_s[i], *found.force_mm(), depth, *normal]
+        count = int((found.push_mm > PUSHES_MM).sum())
+        volume = (moved ^ solids[0].body).volume()
+        rows.append(np.array([*head, count, volume, *found.torque_mm2()], float))
+    table = np.array(rows)
+    return table, summary(table, trace, ticks, solids[1])
+
+
+def main() -> None:
+    """Command line; see the module text."""
+    parser = argparse.ArgumentParser(description="Exact way out of the test scenes.")
+    parser.add_argument("scene", help="name in meshes/scenes.toml, or 'all'")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="pairs of ticks, every N")
+    parser.add_argument("--skip", action="append", default=[], metavar="SCENE")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "tests" / "golden" / "exact_new")
+    args = parser.parse_args()
+    scenes = tomllib.loads((ROOT / "meshes" / "scenes.toml").read_text())
+    if args.scene != "all" and args.scene not in scenes:
+        parser.error(f"unknown scene {args.scene}; known: {' '.join(scenes)}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    done: set[str] = set()
+    for name, scene in scenes.items():
+        if args.scene not in ("all", name) or name in args.skip or scene["exact"] in done:
+            continue
+        done.add(scene["exact"])
+        begin = time.perf_counter()
+        rows, text = solve_scene(scene, ROOT / "build" / "meshes", args.every)
+        target = args.out / scene["exact"]
+        part = target.with_name(target.name + ".part")
+        part.write_bytes(table_bytes(rows))
+        part.replace(target)
+        print(f"{name}: {text}, {time.perf_counter() - begin:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
