@@ -14,7 +14,7 @@ static int64_t with_second(double ax, double ay, double az, double bx, double by
     const double vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, ax, ay, az, bx, by, bz, cx, cy, cz};
     const int32_t triangles[] = {0, 1, 2, 3, 4, 5};
     int32_t first[2] = {-1, -1};
-    const int64_t count = cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, first);
+    const int64_t count = cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, first, 1);
     assert_int_equal(first[0] >= 0, count > 0);
     return count;
 }
@@ -47,7 +47,7 @@ static void intersect_leaves_neighbours_alone(void **state) {
     const double vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
     const int32_t tetrahedron[] = {0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3};
     int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertices, tetrahedron, 4, TOLERANCE_M, first), 0);
+    assert_int_equal(cr_mesh_self_intersections(vertices, tetrahedron, 4, TOLERANCE_M, first, 1), 0);
 }
 
 static void intersect_sees_triangles_that_share_a_corner(void **state) {
@@ -55,7 +55,7 @@ static void intersect_sees_triangles_that_share_a_corner(void **state) {
     const double vertices[] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0.6, 0.2, 0.5, 0.2, 0.6, -0.5};
     const int32_t triangles[] = {0, 1, 2, 0, 3, 4};
     int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, first), 1);
+    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2, TOLERANCE_M, first, 1), 1);
 }
 
 static void intersect_counts_every_pair_of_many(void **state) {
@@ -73,7 +73,7 @@ static void intersect_counts_every_pair_of_many(void **state) {
         }
     }
     int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2 * (size_t)COUNT, TOLERANCE_M, first), COUNT);
+    assert_int_equal(cr_mesh_self_intersections(vertices, triangles, 2 * (size_t)COUNT, TOLERANCE_M, first, 1), COUNT);
 }
 
 static void intersect_takes_an_empty_mesh(void **state) {
@@ -81,7 +81,7 @@ static void intersect_takes_an_empty_mesh(void **state) {
     const double vertex[] = {0, 0, 0};
     const int32_t none[] = {0};
     int32_t first[2] = {-1, -1};
-    assert_int_equal(cr_mesh_self_intersections(vertex, none, 0, TOLERANCE_M, first), 0);
+    assert_int_equal(cr_mesh_self_intersections(vertex, none, 0, TOLERANCE_M, first, 1), 0);
 }
 
 int main(void) {
