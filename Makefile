@@ -100,7 +100,7 @@ build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
 
 scenes: build/scenes/.stamp ## scene images of meshes/scenes.toml, in build/scenes
 
-BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py closing.py arrange.py topology.py scenes.py bodies.py)
+BAKE_PY := $(wildcard host/crease/bake/*.py) $(addprefix host/crease/,mesh.py mend.py draft.py openings.py closing.py arrange.py topology.py scenes.py bodies.py)
 
 build/scenes/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(BAKE_PY)
 	@mkdir -p $(@D)

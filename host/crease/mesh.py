@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.draft import Wishes
 from crease.errors import MeshError
-from crease.mend import Wishes, mend_surface
+from crease.mend import mend_surface
 from crease.table import describe
 from crease.units import METRES, format_length
 

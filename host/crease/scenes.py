@@ -92,7 +92,19 @@ def is_current(image: Path, spec: SceneSpec, table: Path) -> bool:
 def is_newer(image: Path, *made_of: Path) -> bool:
     """Whether an image is newer than the files it is made of and the code that bakes."""
     package = Path(__file__).parent
-    modules = [package / f"{name}.py" for name in ("mesh", "mend", "closing", "arrange", "topology", "bodies")]
+    modules = [
+        package / f"{name}.py"
+        for name in (
+            "mesh",
+            "mend",
+            "draft",
+            "openings",
+            "closing",
+            "arrange",
+            "topology",
+            "bodies",
+        )
+    ]
     code = [Path(_native.__file__), *package.glob("bake/*.py"), *modules]
     return image.exists() and all(
         p.stat().st_mtime <= image.stat().st_mtime for p in (*made_of, *code)
