@@ -310,7 +310,7 @@ bench-peers: build/.host build/scenes/.stamp $(PEERS)/.libraries ## rival librar
 bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/bench/REPORT.md
 	$(PY) tests/bench/report.py build/bench
 
-bench-properties: build/.host build/meshes/.stamp $(PEERS)/.libraries ## what a contact force must have, all responses and libraries: build/properties, 10 minutes
+bench-properties: build/.develop build/meshes/.stamp $(PEERS)/.libraries ## what a contact force must have, all responses and libraries: build/properties, 10 minutes
 	rm -rf $(PEERS)/properties
 	$(PEERS)/bin/python tests/bench/peers/query.py meshes/property_scenes.toml build/meshes $(PEERS)/properties --every 4 --repeat 1 --library $(PEERS)/libpeers.so
 	$(CREASE) bench properties -o build/properties --peers $(PEERS)/properties --force

@@ -18,19 +18,27 @@ Not seen: overlaps of parts of one shell inside one plane.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from crease.base.errors import MeshError
-from crease.base.units import METRES, format_length
+from crease.base.units import format_length
 from crease.mesh import arrange, closing, topology
+from crease.mesh.draft import (
+    WELD,
+    Draft,
+    Wishes,
+    drop_triangles,
+    plural,
+    renumber,
+    sew,
+    turn_triangles,
+    weld,
+)
+from crease.mesh.openings import cap_holes, close_openings
 from crease.mesh.topology import Triangles, Vertices
-
-WELD = 1e-6
-"""Share of the box diagonal within which open edges are sewn together: float32 keeps 1e-7."""
 
 SLIVER = 2e-6
 """Share of the diagonal below which a triangle's altitude makes its normal noise (float32: 1e-7 / 2e-6 = 3 degrees)."""
@@ -38,65 +46,9 @@ SLIVER = 2e-6
 CROSSING = 2e-6
 """Share of the diagonal below which a passage of the surface through itself is taken as touching."""
 
-HOLE_AREA_SHARE = 0.1
-"""Share of the surface that caps may add. A larger opening is the shape's own, and closing it would be a guess."""
-
-HOLE_EDGES_MAX = 10_000
-
-SEW_REACHES = (1e-5, 1e-4, 1e-3)
-"""Shares of the diagonal within which edges that are still open are sewn, one after the other."""
-
-SHEET_SHARE = 1 / 3
-"""Caps of a piece of surface over this share of its own area: it encloses nothing, it may be a sheet."""
-
-ENCLOSING = 0.9
-"""Mean winding number behind a piece of surface from which on it encloses something, perhaps with others."""
 
 FLAT = 1e-9
 """Volume over diagonal cubed below which there is no inside."""
-
-
-@dataclass(frozen=True)
-class Wishes:
-    """What the user said of a mesh: the unit of its file, and how thick its open sheets are (None: not said)."""
-
-    unit_m: float = 1.0
-    sheet_m: float | None = None
-
-
-class Draft:
-    """A surface on the bench, with the notes of what was done to it."""
-
-    def __init__(
-        self, vertices: Vertices, triangles: Triangles, wishes: Wishes | None = None
-    ) -> None:
-        self.vertices = vertices
-        self.triangles = triangles
-        self.wishes = wishes or Wishes()
-        self.notes: list[str] = []
-        self.layered = False
-        """Whether there may be inner faces without a crossing: then winding numbers decide what stays."""
-        used = vertices[triangles.reshape(-1)]
-        self.diagonal_m = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
-
-    @property
-    def vertex_count(self) -> int:
-        return len(self.vertices)
-
-    def place(self, points: npt.NDArray[np.float64]) -> str:
-        """Where something is, for a person: mean of the points, in the unit of the file."""
-        unit_m = self.wishes.unit_m
-        name = next((n for n, metres in METRES.items() if metres == unit_m), "of the file")
-        x, y, z = np.asarray(points).reshape(-1, 3).mean(axis=0) / unit_m
-        return f"({x:.4g}, {y:.4g}, {z:.4g}) {name}"
-
-    def area_m2(self) -> float:
-        """Area of the surface."""
-        return float(topology.areas_m2(self.vertices, self.triangles).sum())
-
-    def volume_m3(self) -> float:
-        """Volume that the surface encloses, parts that it encloses twice counted twice."""
-        return float(topology.volumes_m3(self.vertices, self.triangles).sum())
 
 
 def mend_surface(
@@ -112,10 +64,10 @@ def mend_surface(
     """
     draft = Draft(vertices, triangles, wishes)
     stages = (
-        _weld,
-        _drop_triangles,
+        weld,
+        drop_triangles,
         _close,
-        _close_openings,
+        close_openings,
         _collapse_slivers,
         _settle_shells,
         _cut_crossings,
@@ -132,260 +84,9 @@ def mend_surface(
 def _close(draft: Draft) -> None:
     """Sew, turn and cap where the surface is not closed and oriented already."""
     if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)):
-        _sew(draft, WELD)
-        _turn_triangles(draft)
-        _cap_holes(draft)
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" + ("" if count == 1 else "s" if not noun.endswith("x") else "es")
-
-
-def _renumber(draft: Draft, keys: npt.NDArray[np.float64]) -> int:
-    """Make vertices with equal keys one.   Output: how many went."""
-    first, kind = topology.weld(keys)
-    gone = draft.vertex_count - len(first)
-    if gone:
-        draft.vertices = draft.vertices[first]
-        draft.triangles = kind[draft.triangles].astype(np.int32)
-    return gone
-
-
-def _weld(draft: Draft) -> None:
-    """Equal vertices become one. No note: formats such as STL always need it."""
-    _renumber(draft, draft.vertices)
-    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
-
-
-def _sew(draft: Draft, share: float) -> None:
-    """Open edges whose ends lie within a share of the diagonal of others are welded."""
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
-        return
-    reach_m = share * draft.diagonal_m
-    triangles, moved = closing.sew(draft.vertices, draft.triangles, reach_m)
-    if moved == 0:
-        return
-    draft.triangles = triangles
-    noun = "vertex" if moved == 1 else "vertices"
-    draft.notes.append(f"sewed open edges: welded {moved:,} {noun} within {format_length(reach_m)}")
-    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
-    _drop_triangles(draft)
-
-
-def _drop_triangles(draft: Draft) -> None:
-    """Triangles with two equal corners, and triangles that stand more than once."""
-    a, b, c = draft.triangles.T
-    whole = (a != b) & (b != c) & (c != a)
-    if not whole.all():
-        draft.notes.append(
-            f"dropped {_plural(int(np.count_nonzero(~whole)), 'triangle')} without area"
-        )
-        draft.triangles = draft.triangles[whole]
-    if len(draft.triangles) == 0:
-        raise MeshError("no triangle has an area; export it again")
-    keep = _unique_triangles(draft)
-    if not keep.all():
-        draft.notes.append(f"dropped {_plural(int(np.count_nonzero(~keep)), 'duplicate triangle')}")
-        draft.triangles = draft.triangles[keep]
-    if len(draft.triangles) == 0:
-        raise MeshError("is flat, every triangle lies on its own back; give it thickness")
-
-
-def _unique_triangles(draft: Draft) -> npt.NDArray[np.bool_]:
-    """Which triangles stay: one of each that stand more than once, none of two back to back inside a solid."""
-    sorted_corners = np.sort(draft.triangles, axis=1)
-    _, group = topology.weld(sorted_corners.astype(np.float64))
-    size = np.bincount(group)
-    keep = np.ones(len(draft.triangles), dtype=bool)
-    if size.max() == 1:
-        return keep
-    a, b, c = draft.triangles.T
-    turned = np.where(((a < b) + (b < c).astype(int) + (c < a)) == 2, 1, -1)
-    net = np.bincount(group, weights=turned).astype(int)
-    _, edge, use = np.unique(
-        topology.undirected_codes(draft.triangles, draft.vertex_count),
-        return_inverse=True,
-        return_counts=True,
-    )
-    others = use[edge].reshape(-1, 3)
-    # Twice in opposite senses: with one more triangle at every edge it is one triangle too many, else an inner wall.
-    spare = (others - size[group][:, None] == 1).all(axis=1)
-    order = np.lexsort((-turned * np.sign(net[group]), group))
-    rank = np.empty(len(order), dtype=np.int64)
-    starts = np.r_[0, np.cumsum(size)[:-1]]
-    rank[order] = np.arange(len(order)) - starts[group[order]]
-    wall = (net[group] == 0) & ~spare
-    multiple = size[group] > 1
-    keep[multiple & ((rank > 0) | wall)] = False
-    return keep
-
-
-def _turn_triangles(draft: Draft) -> None:
-    """Neighbours that contradict each other."""
-    triangles, turned = topology.orient(draft.triangles, draft.vertex_count)
-    if turned:
-        changed = (triangles != draft.triangles).any(axis=1)
-        share = topology.areas_m2(draft.vertices, triangles[changed]).sum() / draft.area_m2()
-        draft.triangles = triangles
-        draft.notes.append(
-            f"turned {_plural(turned, 'triangle')} wound against the neighbours, {100.0 * share:.2g} % of the surface"
-        )
-
-
-def _cap_holes(draft: Draft) -> None:
-    """Close small plane holes; the rest is left to _close_openings."""
-    loops = topology.boundary_loops(draft.triangles, draft.vertex_count)
-    if not loops or sum(map(len, loops)) > HOLE_EDGES_MAX:
-        return
-    caps = [closing.polygon_cap(draft.vertices, loop) for loop in loops]
-    if any(cap is None for cap in caps):
-        return
-    added = np.concatenate([cap for cap in caps if cap is not None])
-    surface_m2 = float(topology.areas_m2(draft.vertices, draft.triangles).sum())
-    cap_m2 = float(topology.areas_m2(draft.vertices, added).sum())
-    if cap_m2 > HOLE_AREA_SHARE * surface_m2 or _has_sheets(draft, added):
-        return
-    draft.triangles = np.concatenate([draft.triangles, added])
-    draft.notes.append(
-        f"closed {_plural(len(loops), 'hole')} with {_plural(len(added), 'triangle')}, "
-        f"{100.0 * cap_m2 / surface_m2:.2g} % of the surface"
-    )
-
-
-def _has_sheets(draft: Draft, caps: Triangles) -> bool:
-    """Whether these caps are large for some piece of the surface."""
-    count, piece = closing.components(draft.triangles, draft.vertex_count)
-    area_m2 = np.bincount(piece, topology.areas_m2(draft.vertices, draft.triangles), count)
-    piece_of = np.zeros(draft.vertex_count, np.int64)
-    piece_of[draft.triangles] = piece[:, None]
-    cap_m2 = np.bincount(
-        piece_of[caps[:, 0]], topology.areas_m2(draft.vertices, caps), minlength=count
-    )
-    return bool((cap_m2 > SHEET_SHARE * area_m2).any())
-
-
-def _close_openings(draft: Draft) -> None:
-    """What is still open: sewn with more reach, then piece by piece capped, made thick, left out, or refused."""
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
-        return
-    _sew_wider(draft)
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
-        return
-    pieces = _Pieces(draft)
-    if pieces.sheets.any() and draft.wishes.sheet_m is None:
-        pieces.leave_out_sheets()
-    pieces.close()
-
-
-def _sew_wider(draft: Draft) -> None:
-    """Vertices on open edges are taken in, then vertices within more and more of each other are welded."""
-    for share in (WELD, *SEW_REACHES):
-        if share != WELD:
-            _sew(draft, share)
-        triangles, taken = closing.split_edges(
-            draft.vertices, draft.triangles, share * draft.diagonal_m
-        )
-        if taken:
-            draft.triangles = triangles
-            draft.notes.append(
-                f"cut open edges at {taken:,} vert{'ex' if taken == 1 else 'ices'} that lie within "
-                f"{format_length(share * draft.diagonal_m)} of them"
-            )
-            _drop_triangles(draft)
-        _turn_triangles(draft)
-        if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
-            return
-
-
-class _Pieces:
-    """The connected pieces of an open surface, the caps of their openings, and which of them are sheets."""
-
-    def __init__(self, draft: Draft) -> None:
-        self.draft = draft
-        count, self.of = closing.components(draft.triangles, draft.vertex_count)
-        area = topology.areas_m2(draft.vertices, draft.triangles)
-        self.area_m2 = np.bincount(self.of, weights=area, minlength=count)
-        self.rims = [
-            closing.rims(draft.triangles[self.of == i], draft.vertex_count) for i in range(count)
-        ]
-        self.caps = [[closing.cap(draft.vertices, rim) for rim in rims] for rims in self.rims]
-        self.cap_m2 = np.array([sum(cap.area_m2 for cap in caps) for caps in self.caps])
-        if draft.wishes.sheet_m is not None:
-            self.sheets = self.cap_m2 > HOLE_AREA_SHARE * self.area_m2
-            return
-        self.sheets = self.cap_m2 > SHEET_SHARE * self.area_m2
-        if self.sheets.any():
-            # Behind a flat sheet the winding number is a half; pieces that enclose something together come near one.
-            middle = draft.vertices[draft.triangles].mean(axis=1)
-            own = np.arange(len(middle), dtype=np.int32)
-            behind = 0.5 + arrange.Winding(draft.vertices, draft.triangles).at(middle, own)
-            mean = np.bincount(self.of, weights=area * behind, minlength=count) / self.area_m2
-            self.sheets &= mean < ENCLOSING
-
-    def leave_out_sheets(self) -> None:
-        """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError without others."""
-        draft, sheets = self.draft, self.sheets
-        thin = self.of[:, None] == np.flatnonzero(sheets)
-        gone = thin.any(axis=1)
-        place = draft.place(draft.vertices[draft.triangles[gone]][:1])
-        share = float(self.area_m2[sheets].sum() / self.area_m2.sum())
-        if share > 0.5:
-            edges = len(topology.unbalanced_edges(draft.triangles, draft.vertex_count))
-            raise MeshError(
-                f"is open and encloses nothing: {_plural(edges, 'edge')} with a triangle on one side only, "
-                f"one near {place}; give its sheets a thickness, such as --sheet 1mm, or close it in the modeller"
-            )
-        draft.notes.append(
-            f"left out {_plural(int(sheets.sum()), 'open sheet')} that enclose nothing, {100.0 * share:.2g} % of the "
-            f"surface, one near {place}; --sheet 1mm gives them a thickness"
-        )
-        kept = np.flatnonzero(~sheets)
-        self.rims, self.caps = [self.rims[i] for i in kept], [self.caps[i] for i in kept]
-        self.cap_m2, self.area_m2 = self.cap_m2[kept], self.area_m2[kept]
-        number = np.cumsum(~sheets) - 1
-        draft.triangles, self.of = draft.triangles[~gone], number[self.of[~gone]].astype(np.int32)
-        self.sheets = sheets[kept]
-
-    def close(self) -> None:
-        """Caps on what encloses something, a thickness for sheets."""
-        draft = self.draft
-        vertices, parts = [draft.vertices], [draft.triangles[~self.sheets[self.of]]]
-        count = draft.vertex_count
-        for i, caps in enumerate(self.caps):
-            if self.sheets[i]:
-                points, solid = closing.thicken(
-                    draft.vertices, draft.triangles[self.of == i], draft.wishes.sheet_m or 0.0
-                )
-                vertices.append(points)
-                parts.append(solid + count)
-                count += len(points)
-                continue
-            for cap in caps:
-                new = np.where(cap.triangles < draft.vertex_count, cap.triangles, count)
-                parts.append(new.astype(np.int32))
-                vertices.append(cap.points_m)
-                count += len(cap.points_m)
-        self._tell()
-        draft.layered = True
-        draft.vertices = np.concatenate(vertices)
-        draft.triangles = np.concatenate(parts).astype(np.int32)
-
-    def _tell(self) -> None:
-        draft, whole_m2 = self.draft, float(self.area_m2.sum())
-        caps = [cap for i, caps in enumerate(self.caps) if not self.sheets[i] for cap in caps]
-        if caps:
-            largest = max(caps, key=lambda cap: cap.area_m2)
-            draft.notes.append(
-                f"closed {_plural(len(caps), 'opening')}, "
-                f"{100.0 * sum(cap.area_m2 for cap in caps) / whole_m2:.2g} % of the surface, "
-                f"the largest {format_length(float(np.sqrt(largest.area_m2)))} wide near "
-                f"{draft.place(largest.middle_m)}"
-            )
-        if self.sheets.any():
-            draft.notes.append(
-                f"made {_plural(int(self.sheets.sum()), 'sheet')} {format_length(draft.wishes.sheet_m or 0.0)} thick, "
-                f"{100.0 * float(self.area_m2[self.sheets].sum()) / whole_m2:.2g} % of the surface"
-            )
+        sew(draft, WELD)
+        turn_triangles(draft)
+        cap_holes(draft)
 
 
 def _check_closed(draft: Draft) -> None:
@@ -396,7 +97,7 @@ def _check_closed(draft: Draft) -> None:
     start, end = topology.directed_edges(draft.triangles)
     place = draft.place(draft.vertices[[start[open_edges[0]], end[open_edges[0]]]])
     raise MeshError(
-        f"could not be closed: {_plural(len(open_edges), 'edge')} with more triangles on one side than on the other, "
+        f"could not be closed: {plural(len(open_edges), 'edge')} with more triangles on one side than on the other, "
         f"one near {place}; repair it in the modeller"
     )
 
@@ -425,7 +126,7 @@ def _from_manifold(draft: Draft, solid: Any) -> None:
     draft.triangles = np.array(mesh.tri_verts, dtype=np.int32)
     if len(draft.triangles) == 0:
         raise MeshError("is flat or vanishes when its shells are united; give it thickness")
-    _renumber(draft, draft.vertices)
+    renumber(draft, draft.vertices)
 
 
 def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
@@ -439,15 +140,15 @@ def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
     try:
         _from_manifold(trial, to_manifold(draft.vertices, draft.triangles).simplify(limit_m))
     except MeshError:
-        draft.notes.append(f"keeps {_plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
+        draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
         return
     left = int(np.count_nonzero(topology.altitudes_m(trial.vertices, trial.triangles) < limit_m))
     if len(topology.unbalanced_edges(trial.triangles, trial.vertex_count)) or left >= thin:
-        draft.notes.append(f"keeps {_plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
+        draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
         return
     draft.vertices, draft.triangles = trial.vertices, trial.triangles
     draft.notes.append(
-        f"collapsed {_plural(thin - left, 'sliver')} thinner than {format_length(limit_m)}: "
+        f"collapsed {plural(thin - left, 'sliver')} thinner than {format_length(limit_m)}: "
         f"{before:,} triangles became {len(draft.triangles):,}"
     )
 
@@ -497,7 +198,7 @@ def _settle_shells(draft: Draft) -> None:
         wrong = turn[shell]
         draft.triangles[wrong] = draft.triangles[wrong][:, ::-1]
         draft.notes.append(
-            f"was inside out: turned {_plural(int(np.count_nonzero(wrong)), 'triangle')}"
+            f"was inside out: turned {plural(int(np.count_nonzero(wrong)), 'triangle')}"
             if count == 1
             else f"turned {int(np.count_nonzero(turn))} of {count:,} shells that were inside out"
         )
@@ -552,7 +253,7 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
     now = topology.shells(draft.vertices, draft.triangles)[0]
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
-            f"united {count:,} shells that meet into {_plural(now, 'shell')} "
+            f"united {count:,} shells that meet into {plural(now, 'shell')} "
             f"({_change(area_m2, draft.area_m2())} of the area, {_change(volume_m3, draft.volume_m3())} of the volume)"
         )
 
@@ -586,7 +287,7 @@ def _cut_crossings(draft: Draft) -> None:
     _close_cracks(draft)
     if len(pairs):
         draft.notes.append(
-            f"passed through itself: cut {_plural(len(pairs), 'pair')} of triangles, one near {place}, and kept the "
+            f"passed through itself: cut {plural(len(pairs), 'pair')} of triangles, one near {place}, and kept the "
             f"outer surface ({_change(area_m2, draft.area_m2())} of the area, "
             f"{_change(volume_m3, draft.volume_m3())} of the volume)"
         )

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from crease.base.errors import MeshError
 from crease.base.table import describe
 from crease.base.units import METRES, format_length
-from crease.mesh.mend import Wishes, mend_surface
+from crease.mesh.draft import Wishes
+from crease.mesh.mend import mend_surface
 
 STEP = (".step", ".stp")
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", *STEP)

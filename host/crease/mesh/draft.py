@@ -1,0 +1,154 @@
+"""A surface on the bench: what is known of it, what was done to it, and the mends that need no new triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.base.errors import MeshError
+from crease.base.units import METRES, format_length
+from crease.mesh import closing, topology
+from crease.mesh.topology import Triangles, Vertices
+
+WELD = 1e-6
+"""Share of the box diagonal within which open edges are sewn together: float32 keeps 1e-7."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user said of a mesh: the unit of its file, and how thick its open sheets are (None: not said)."""
+
+    unit_m: float = 1.0
+    sheet_m: float | None = None
+
+
+class Draft:
+    """A surface on the bench, with the notes of what was done to it."""
+
+    def __init__(
+        self, vertices: Vertices, triangles: Triangles, wishes: Wishes | None = None
+    ) -> None:
+        self.vertices = vertices
+        self.triangles = triangles
+        self.wishes = wishes or Wishes()
+        self.notes: list[str] = []
+        self.layered = False
+        """Whether there may be inner faces without a crossing: then winding numbers decide what stays."""
+        used = vertices[triangles.reshape(-1)]
+        self.diagonal_m = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.vertices)
+
+    def place(self, points: npt.NDArray[np.float64]) -> str:
+        """Where something is, for a person: mean of the points, in the unit of the file."""
+        unit_m = self.wishes.unit_m
+        name = next((n for n, metres in METRES.items() if metres == unit_m), "of the file")
+        x, y, z = np.asarray(points).reshape(-1, 3).mean(axis=0) / unit_m
+        return f"({x:.4g}, {y:.4g}, {z:.4g}) {name}"
+
+    def area_m2(self) -> float:
+        """Area of the surface."""
+        return float(topology.areas_m2(self.vertices, self.triangles).sum())
+
+    def volume_m3(self) -> float:
+        """Volume that the surface encloses, parts that it encloses twice counted twice."""
+        return float(topology.volumes_m3(self.vertices, self.triangles).sum())
+
+
+def plural(count: int, noun: str) -> str:
+    return f"{count:,} {noun}" + ("" if count == 1 else "s" if not noun.endswith("x") else "es")
+
+
+def renumber(draft: Draft, keys: npt.NDArray[np.float64]) -> int:
+    """Make vertices with equal keys one.   Output: how many went."""
+    first, kind = topology.weld(keys)
+    gone = draft.vertex_count - len(first)
+    if gone:
+        draft.vertices = draft.vertices[first]
+        draft.triangles = kind[draft.triangles].astype(np.int32)
+    return gone
+
+
+def weld(draft: Draft) -> None:
+    """Equal vertices become one. No note: formats such as STL always need it."""
+    renumber(draft, draft.vertices)
+    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
+
+
+def sew(draft: Draft, share: float) -> None:
+    """Open edges whose ends lie within a share of the diagonal of others are welded."""
+    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+        return
+    reach_m = share * draft.diagonal_m
+    triangles, moved = closing.sew(draft.vertices, draft.triangles, reach_m)
+    if moved == 0:
+        return
+    draft.triangles = triangles
+    noun = "vertex" if moved == 1 else "vertices"
+    draft.notes.append(f"sewed open edges: welded {moved:,} {noun} within {format_length(reach_m)}")
+    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
+    drop_triangles(draft)
+
+
+def drop_triangles(draft: Draft) -> None:
+    """Triangles with two equal corners, and triangles that stand more than once."""
+    a, b, c = draft.triangles.T
+    whole = (a != b) & (b != c) & (c != a)
+    if not whole.all():
+        draft.notes.append(
+            f"dropped {plural(int(np.count_nonzero(~whole)), 'triangle')} without area"
+        )
+        draft.triangles = draft.triangles[whole]
+    if len(draft.triangles) == 0:
+        raise MeshError("no triangle has an area; export it again")
+    keep = _unique_triangles(draft)
+    if not keep.all():
+        draft.notes.append(f"dropped {plural(int(np.count_nonzero(~keep)), 'duplicate triangle')}")
+        draft.triangles = draft.triangles[keep]
+    if len(draft.triangles) == 0:
+        raise MeshError("is flat, every triangle lies on its own back; give it thickness")
+
+
+def _unique_triangles(draft: Draft) -> npt.NDArray[np.bool_]:
+    """Which triangles stay: one of each that stand more than once, none of two back to back inside a solid."""
+    sorted_corners = np.sort(draft.triangles, axis=1)
+    _, group = topology.weld(sorted_corners.astype(np.float64))
+    size = np.bincount(group)
+    keep = np.ones(len(draft.triangles), dtype=bool)
+    if size.max() == 1:
+        return keep
+    a, b, c = draft.triangles.T
+    turned = np.where(((a < b) + (b < c).astype(int) + (c < a)) == 2, 1, -1)
+    net = np.bincount(group, weights=turned).astype(int)
+    _, edge, use = np.unique(
+        topology.undirected_codes(draft.triangles, draft.vertex_count),
+        return_inverse=True,
+        return_counts=True,
+    )
+    others = use[edge].reshape(-1, 3)
+    # Twice in opposite senses: with one more triangle at every edge it is one triangle too many, else an inner wall.
+    spare = (others - size[group][:, None] == 1).all(axis=1)
+    order = np.lexsort((-turned * np.sign(net[group]), group))
+    rank = np.empty(len(order), dtype=np.int64)
+    starts = np.r_[0, np.cumsum(size)[:-1]]
+    rank[order] = np.arange(len(order)) - starts[group[order]]
+    wall = (net[group] == 0) & ~spare
+    multiple = size[group] > 1
+    keep[multiple & ((rank > 0) | wall)] = False
+    return keep
+
+
+def turn_triangles(draft: Draft) -> None:
+    """Neighbours that contradict each other."""
+    triangles, turned = topology.orient(draft.triangles, draft.vertex_count)
+    if turned:
+        changed = (triangles != draft.triangles).any(axis=1)
+        share = topology.areas_m2(draft.vertices, triangles[changed]).sum() / draft.area_m2()
+        draft.triangles = triangles
+        draft.notes.append(
+            f"turned {plural(turned, 'triangle')} wound against the neighbours, {100.0 * share:.2g} % of the surface"
+        )

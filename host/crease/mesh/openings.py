@@ -1,0 +1,181 @@
+"""Openings of a surface: holes capped, gaps sewn with more and more reach, sheets made thick, left out or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crease.base.errors import MeshError
+from crease.base.units import format_length
+from crease.mesh import arrange, closing, topology
+from crease.mesh.draft import WELD, Draft, drop_triangles, plural, sew, turn_triangles
+from crease.mesh.topology import Triangles
+
+HOLE_AREA_SHARE = 0.1
+"""Share of the surface that caps may add. A larger opening is the shape's own, and closing it would be a guess."""
+
+HOLE_EDGES_MAX = 10_000
+
+SEW_REACHES = (1e-5, 1e-4, 1e-3)
+"""Shares of the diagonal within which edges that are still open are sewn, one after the other."""
+
+SHEET_SHARE = 1 / 3
+"""Caps of a piece of surface over this share of its own area: it encloses nothing, it may be a sheet."""
+
+ENCLOSING = 0.9
+"""Mean winding number behind a piece of surface from which on it encloses something, perhaps with others."""
+
+
+def cap_holes(draft: Draft) -> None:
+    """Close small plane holes; the rest is left to close_openings."""
+    loops = topology.boundary_loops(draft.triangles, draft.vertex_count)
+    if not loops or sum(map(len, loops)) > HOLE_EDGES_MAX:
+        return
+    caps = [closing.polygon_cap(draft.vertices, loop) for loop in loops]
+    if any(cap is None for cap in caps):
+        return
+    added = np.concatenate([cap for cap in caps if cap is not None])
+    surface_m2 = float(topology.areas_m2(draft.vertices, draft.triangles).sum())
+    cap_m2 = float(topology.areas_m2(draft.vertices, added).sum())
+    if cap_m2 > HOLE_AREA_SHARE * surface_m2 or _has_sheets(draft, added):
+        return
+    draft.triangles = np.concatenate([draft.triangles, added])
+    draft.notes.append(
+        f"closed {plural(len(loops), 'hole')} with {plural(len(added), 'triangle')}, "
+        f"{100.0 * cap_m2 / surface_m2:.2g} % of the surface"
+    )
+
+
+def _has_sheets(draft: Draft, caps: Triangles) -> bool:
+    """Whether these caps are large for some piece of the surface."""
+    count, piece = closing.components(draft.triangles, draft.vertex_count)
+    area_m2 = np.bincount(piece, topology.areas_m2(draft.vertices, draft.triangles), count)
+    piece_of = np.zeros(draft.vertex_count, np.int64)
+    piece_of[draft.triangles] = piece[:, None]
+    cap_m2 = np.bincount(
+        piece_of[caps[:, 0]], topology.areas_m2(draft.vertices, caps), minlength=count
+    )
+    return bool((cap_m2 > SHEET_SHARE * area_m2).any())
+
+
+def close_openings(draft: Draft) -> None:
+    """What is still open: sewn with more reach, then piece by piece capped, made thick, left out, or refused."""
+    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+        return
+    _sew_wider(draft)
+    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+        return
+    pieces = _Pieces(draft)
+    if pieces.sheets.any() and draft.wishes.sheet_m is None:
+        pieces.leave_out_sheets()
+    pieces.close()
+
+
+def _sew_wider(draft: Draft) -> None:
+    """Vertices on open edges are taken in, then vertices within more and more of each other are welded."""
+    for share in (WELD, *SEW_REACHES):
+        if share != WELD:
+            sew(draft, share)
+        triangles, taken = closing.split_edges(
+            draft.vertices, draft.triangles, share * draft.diagonal_m
+        )
+        if taken:
+            draft.triangles = triangles
+            draft.notes.append(
+                f"cut open edges at {taken:,} vert{'ex' if taken == 1 else 'ices'} that lie within "
+                f"{format_length(share * draft.diagonal_m)} of them"
+            )
+            drop_triangles(draft)
+        turn_triangles(draft)
+        if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+            return
+
+
+class _Pieces:
+    """The connected pieces of an open surface, the caps of their openings, and which of them are sheets."""
+
+    def __init__(self, draft: Draft) -> None:
+        self.draft = draft
+        count, self.of = closing.components(draft.triangles, draft.vertex_count)
+        area = topology.areas_m2(draft.vertices, draft.triangles)
+        self.area_m2 = np.bincount(self.of, weights=area, minlength=count)
+        self.rims = [
+            closing.rims(draft.triangles[self.of == i], draft.vertex_count) for i in range(count)
+        ]
+        self.caps = [[closing.cap(draft.vertices, rim) for rim in rims] for rims in self.rims]
+        self.cap_m2 = np.array([sum(cap.area_m2 for cap in caps) for caps in self.caps])
+        if draft.wishes.sheet_m is not None:
+            self.sheets = self.cap_m2 > HOLE_AREA_SHARE * self.area_m2
+            return
+        self.sheets = self.cap_m2 > SHEET_SHARE * self.area_m2
+        if self.sheets.any():
+            # Behind a flat sheet the winding number is a half; pieces that enclose something together come near one.
+            middle = draft.vertices[draft.triangles].mean(axis=1)
+            own = np.arange(len(middle), dtype=np.int32)
+            behind = 0.5 + arrange.Winding(draft.vertices, draft.triangles).at(middle, own)
+            mean = np.bincount(self.of, weights=area * behind, minlength=count) / self.area_m2
+            self.sheets &= mean < ENCLOSING
+
+    def leave_out_sheets(self) -> None:
+        """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError without others."""
+        draft, sheets = self.draft, self.sheets
+        thin = self.of[:, None] == np.flatnonzero(sheets)
+        gone = thin.any(axis=1)
+        place = draft.place(draft.vertices[draft.triangles[gone]][:1])
+        share = float(self.area_m2[sheets].sum() / self.area_m2.sum())
+        if share > 0.5:
+            edges = len(topology.unbalanced_edges(draft.triangles, draft.vertex_count))
+            raise MeshError(
+                f"is open and encloses nothing: {plural(edges, 'edge')} with a triangle on one side only, "
+                f"one near {place}; give its sheets a thickness, such as --sheet 1mm, or close it in the modeller"
+            )
+        draft.notes.append(
+            f"left out {plural(int(sheets.sum()), 'open sheet')} that enclose nothing, {100.0 * share:.2g} % of the "
+            f"surface, one near {place}; --sheet 1mm gives them a thickness"
+        )
+        kept = np.flatnonzero(~sheets)
+        self.rims, self.caps = [self.rims[i] for i in kept], [self.caps[i] for i in kept]
+        self.cap_m2, self.area_m2 = self.cap_m2[kept], self.area_m2[kept]
+        number = np.cumsum(~sheets) - 1
+        draft.triangles, self.of = draft.triangles[~gone], number[self.of[~gone]].astype(np.int32)
+        self.sheets = sheets[kept]
+
+    def close(self) -> None:
+        """Caps on what encloses something, a thickness for sheets."""
+        draft = self.draft
+        vertices, parts = [draft.vertices], [draft.triangles[~self.sheets[self.of]]]
+        count = draft.vertex_count
+        for i, caps in enumerate(self.caps):
+            if self.sheets[i]:
+                points, solid = closing.thicken(
+                    draft.vertices, draft.triangles[self.of == i], draft.wishes.sheet_m or 0.0
+                )
+                vertices.append(points)
+                parts.append(solid + count)
+                count += len(points)
+                continue
+            for cap in caps:
+                new = np.where(cap.triangles < draft.vertex_count, cap.triangles, count)
+                parts.append(new.astype(np.int32))
+                vertices.append(cap.points_m)
+                count += len(cap.points_m)
+        self._tell()
+        draft.layered = True
+        draft.vertices = np.concatenate(vertices)
+        draft.triangles = np.concatenate(parts).astype(np.int32)
+
+    def _tell(self) -> None:
+        draft, whole_m2 = self.draft, float(self.area_m2.sum())
+        caps = [cap for i, caps in enumerate(self.caps) if not self.sheets[i] for cap in caps]
+        if caps:
+            largest = max(caps, key=lambda cap: cap.area_m2)
+            draft.notes.append(
+                f"closed {plural(len(caps), 'opening')}, "
+                f"{100.0 * sum(cap.area_m2 for cap in caps) / whole_m2:.2g} % of the surface, "
+                f"the largest {format_length(float(np.sqrt(largest.area_m2)))} wide near "
+                f"{draft.place(largest.middle_m)}"
+            )
+        if self.sheets.any():
+            draft.notes.append(
+                f"made {plural(int(self.sheets.sum()), 'sheet')} {format_length(draft.wishes.sheet_m or 0.0)} thick, "
+                f"{100.0 * float(self.area_m2[self.sheets].sum()) / whole_m2:.2g} % of the surface"
+            )
