@@ -98,10 +98,20 @@ class _Pieces:
         count, self.of = closing.components(draft.triangles, draft.vertex_count)
         area = topology.areas_m2(draft.vertices, draft.triangles)
         self.area_m2 = np.bincount(self.of, weights=area, minlength=count)
-        self.rims = [
-            closing.rims(draft.triangles[self.of == i], draft.vertex_count) for i in range(count)
+        order = np.argsort(self.of, kind="stable")
+        parts = np.split(order, np.cumsum(np.bincount(self.of, minlength=count))[:-1])
+        loose = topology.unbalanced_edges(draft.triangles, draft.vertex_count)
+        is_open = np.zeros(count, bool)
+        is_open[self.of[loose // 3]] = True
+        self.caps = [
+            [
+                closing.cap(draft.vertices, rim)
+                for rim in closing.rims(draft.triangles[part], draft.vertex_count)
+            ]
+            if is_open[i]
+            else []
+            for i, part in enumerate(parts)
         ]
-        self.caps = [[closing.cap(draft.vertices, rim) for rim in rims] for rims in self.rims]
         self.cap_m2 = np.array([sum(cap.area_m2 for cap in caps) for caps in self.caps])
         if draft.wishes.sheet_m is not None:
             self.sheets = self.cap_m2 > HOLE_AREA_SHARE * self.area_m2
@@ -118,8 +128,7 @@ class _Pieces:
     def leave_out_sheets(self) -> None:
         """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError without others."""
         draft, sheets = self.draft, self.sheets
-        thin = self.of[:, None] == np.flatnonzero(sheets)
-        gone = thin.any(axis=1)
+        gone = sheets[self.of]
         place = draft.place(draft.vertices[draft.triangles[gone]][:1])
         share = float(self.area_m2[sheets].sum() / self.area_m2.sum())
         if share > 0.5:
@@ -133,7 +142,7 @@ class _Pieces:
             f"surface, one near {place}; --sheet 1mm gives them a thickness"
         )
         kept = np.flatnonzero(~sheets)
-        self.rims, self.caps = [self.rims[i] for i in kept], [self.caps[i] for i in kept]
+        self.caps = [self.caps[i] for i in kept]
         self.cap_m2, self.area_m2 = self.cap_m2[kept], self.area_m2[kept]
         number = np.cumsum(~sheets) - 1
         draft.triangles, self.of = draft.triangles[~gone], number[self.of[~gone]].astype(np.int32)

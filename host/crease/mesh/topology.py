@@ -190,21 +190,24 @@ def orient(triangles: Triangles, vertex_count: int) -> tuple[Triangles, int]:
 def _flips_along_trees(
     graph: Any, piece: npt.NDArray[np.int32], count: int
 ) -> npt.NDArray[np.bool_]:
-    """Parity of every triangle against the root of its piece."""
-    flip = np.zeros(count, dtype=bool)
+    """Parity of every triangle against the root of its piece, by one search from a node that knows all roots."""
     _, roots = np.unique(piece, return_index=True)
-    for root in roots.tolist():
-        order, before = csgraph.breadth_first_order(graph, root, directed=False)
-        children = order[1:]
-        if len(children) == 0:
-            continue
-        parents = before[children]
-        odd = (np.asarray(graph[children, parents]).reshape(-1) == 2).tolist()
-        state = {root: False}
-        for child, parent, change in zip(children.tolist(), parents.tolist(), odd, strict=True):
-            state[child] = state[parent] ^ change
-        flip[list(state)] = list(state.values())
-    return flip
+    edges = graph.tocoo()
+    whole = sparse.coo_matrix(
+        (
+            np.r_[edges.data, np.ones(len(roots), edges.data.dtype)],
+            (np.r_[edges.row, np.full(len(roots), count)], np.r_[edges.col, roots]),
+        ),
+        shape=(count + 1, count + 1),
+    ).tocsr()
+    order, before = csgraph.breadth_first_order(whole, count, directed=True)
+    children = order[1:]
+    parents = before[children]
+    odd = (np.asarray(whole[parents, children]).reshape(-1) == 2).tolist()
+    state = [False] * (count + 1)
+    for child, parent, change in zip(children.tolist(), parents.tolist(), odd, strict=True):
+        state[child] = state[parent] ^ change
+    return np.array(state[:count], dtype=bool)
 
 
 def boundary_loops(triangles: Triangles, vertex_count: int) -> list[list[int]] | None:
