@@ -39,7 +39,7 @@
 
 /* (cluster, surface) pairs one tick may keep: a cluster on a crease touches two or three surfaces. */
 #ifndef CR_TOUCHES_MAX
-#define CR_TOUCHES_MAX 384
+#define CR_TOUCHES_MAX 382
 #endif
 #if CR_TOUCHES_MAX < 16 || CR_TOUCHES_MAX > 65535
 #error "CR_TOUCHES_MAX: 16..65535 touches"

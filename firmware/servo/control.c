@@ -53,9 +53,11 @@ static void push_counts(cr_velocity *v, int32_t counts) {
  * that the window allows anyway. */
 static void bridge_gap(cr_velocity *v, int32_t counts, uint32_t periods) {
     const int32_t from = v->counts[v->head];
-    const int64_t rise = (int32_t)((uint32_t)counts - (uint32_t)from), n = (int64_t)periods;
-    for (int64_t i = 1; i < n; i++) {
-        int64_t part = (2 * rise * i + (rise < 0 ? -n : n)) / (2 * n);
+    const int32_t rise = (int32_t)((uint32_t)counts - (uint32_t)from), n = (int32_t)periods;
+    /* The whole steps apart, so that 32 bits do: a board has no division of 64. */
+    const int32_t whole = rise / n, rest = rise % n, half = rise < 0 ? -n : n;
+    for (int32_t i = 1; i < n; i++) {
+        const int32_t part = whole * i + (2 * rest * i + half) / (2 * n);
         push_counts(v, (int32_t)((uint32_t)from + (uint32_t)part));
     }
 }

@@ -46,7 +46,7 @@ def test_four_pads_push_as_one() -> None:
     np.testing.assert_allclose(four, one, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["ell_edge", "legs_ridge_deep", "jaw", "corner"])
+@pytest.mark.parametrize("name", ["legs_ridge_deep", "jaw", "corner"])
 def test_force_never_changes_faster_than_the_walls_allow(name: str) -> None:
     push, place = push_mm(SCENES[name])
     moved = np.linalg.norm(np.diff(place, axis=0), axis=1)

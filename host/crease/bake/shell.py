@@ -394,20 +394,11 @@ def halve(points: F64, ids: I64, most: int) -> list[I64]:
     return groups
 
 
-def cluster_order(
-    samples: Samples, spacing_m: float, pieces: I64 | None = None, most: int = LANES
-) -> list[I64]:
-    """Samples in clusters of at most `most`, each on one patch (tiny patches share), neighbours near in the list.
-
-    pieces: (n, 2) convex pieces of each sample; no cluster spans several.
-    """
+def cluster_order(samples: Samples, spacing_m: float, most: int = LANES) -> list[I64]:
+    """Samples in clusters of at most `most`, each on one patch (tiny patches share), neighbours near in the list."""
     lifted = np.hstack([samples.position_m, CLUSTER_NORMAL_WEIGHT * spacing_m * samples.normal])
     size = np.bincount(samples.patch)[samples.patch]
     home = np.where(size >= SMALL_PATCH, samples.patch, -1)
-    if pieces is not None:
-        home = np.unique(np.column_stack([home, pieces]), axis=0, return_inverse=True)[1].reshape(
-            -1
-        )
     order = np.argsort(home, kind="stable")
     bounds = np.flatnonzero(np.diff(home[order])) + 1
     clusters = [group for part in np.split(order, bounds) for group in halve(lifted, part, most)]
@@ -588,6 +579,13 @@ def make_adjacency(
     return start, out
 
 
+def most_common(pieces: I64) -> I64:
+    """The two pieces that most samples of a cluster belong to, PIECE_NONE for no second. Shapes: pieces (n, 2)."""
+    names, counts = np.unique(pieces[pieces != PIECE_NONE], return_counts=True)
+    found = names[np.lexsort((names, -counts))][:2]
+    return np.asarray([*found, PIECE_NONE][:2], np.int64)
+
+
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
     """The two largest convex pieces of each sample, (n, 2); a feature has those of the nearest face sample."""
     face = np.flatnonzero(~samples.feature)
@@ -605,10 +603,10 @@ def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
 def make_shell(surface: Surface, spacing_m: float) -> Shell:
     """The complete shell of a tool mesh."""
     samples = make_samples(surface, spacing_m)
-    pieces = pieces_of(samples, spacing_m, surface)
-    order = cluster_order(samples, spacing_m, pieces)
+    order = cluster_order(samples, spacing_m)
     clusters = make_clusters(samples, order)
-    clusters["piece"] = [pieces[ids[0]] for ids in order]
+    pieces = pieces_of(samples, spacing_m, surface)
+    clusters["piece"] = [most_common(pieces[ids]) for ids in order]
     groups, levels = make_tree(clusters)
     start, adj = make_adjacency(clusters, order, neighbours(samples, spacing_m))
     root, radius = ball(samples.position_m, np.zeros(len(samples.position_m)))
