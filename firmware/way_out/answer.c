@@ -45,7 +45,7 @@ uint32_t cr_way_answer(const cr_respond_input *in, const cr_area_set *areas, cr_
     cr_way_measure(in, &zones, &relations, half);
     for (uint32_t h = 0; h < count; h++) {
         normal[h] = half[h].normal;
-        depth[h] = half[h].depth_m * half[h].open;
+        depth[h] = v3_dot(normal[h], normal[h]) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
     }
     cr_way_resolve(normal, depth, count, push);
     for (uint32_t h = 0; h < count && made < room; h++) {

@@ -106,7 +106,8 @@ static void count_for(const survey *s, const spot *at, cr_way_half *half, float 
 
 /* How near a sample is to another zone: 1 where it is no deeper below that one's mean plane than it is in its own, 0 from twice that on or above. */
 static float nearness(const spot *at, const cr_way_zone *other) {
-    const cr_vec3 n = v3_unit(other->normal_m3, 0.0f), touched = v3_scale(other->touched_m4, 1.0f / other->weight_m3);
+    const cr_vec3 n = v3_unit(v3_scale(other->normal_m3, 1.0f / other->weight_m3), 0.0f),
+                  touched = v3_scale(other->touched_m4, 1.0f / other->weight_m3);
     const float mine = max_f(0.0f, -at->height_m[0]), its = v3_dot(n, v3_sub(touched, at->p)),
                 ramp = at->c->ramp[at->lane];
     return clamp_f((2.0f * mine + ramp - its) / (mine + ramp), 0.0f, 1.0f) * clamp_f(its / ramp, 0.0f, 1.0f);

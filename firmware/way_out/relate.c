@@ -33,7 +33,7 @@ typedef struct {
 
 static means means_of(const cr_way_zone *z) {
     const float inverse = 1.0f / z->weight_m3;
-    const means m = {v3_scale(z->normal_m3, inverse), v3_unit(z->normal_m3, 1e-3f * z->weight_m3),
+    const means m = {v3_scale(z->normal_m3, inverse), v3_unit(v3_scale(z->normal_m3, inverse), 1e-3f),
                      v3_scale(z->touched_m4, inverse)};
     return m;
 }
@@ -140,13 +140,14 @@ static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const flo
 
 /* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. Projected
  * Gauss-Seidel; a normal that is related by a part only is held back. */
-static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float *part, cr_vec3 sum, float rules) {
+static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float *part, cr_vec3 sum, float per_weight,
+                         float rules) {
     float alpha[CR_WAY_ZONES_MAX];
     cr_vec3 left = sum;
     const float size = v3_norm(sum);
     const uint32_t count = zones->count;
     for (uint32_t c = 0; c < count; c++) {
-        alpha[c] = part[c] * max_f(0.0f, v3_dot(zones->zones[c].push_m3, m[c].unit));
+        alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), m[c].unit));
         left = v3_mad(left, m[c].unit, -alpha[c]);
     }
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
@@ -156,7 +157,7 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float 
                 continue;
             }
             const float held = 1.0f / part[c] - 1.0f;
-            const float most = part[c] * TWICE * zones->zones[c].weight_m3;
+            const float most = part[c] * TWICE * zones->zones[c].weight_m3 * per_weight;
             const float next =
                 clamp_f(alpha[c] + (v3_dot(m[c].unit, left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
             left = v3_mad(left, m[c].unit, alpha[c] - next);
@@ -167,7 +168,7 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float 
             break;
         }
     }
-    sum = v3_scale(favour_large(zones, m, alpha), 1.0f);
+    sum = favour_large(zones, m, alpha);
     const float outside = v3_norm(left);
     const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));
     return v3_mad(sum, left, kept);
@@ -226,17 +227,20 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
         centre = v3_mad(centre, z->centre_m4, part[c]);
         weight += part[c] * z->weight_m3;
     }
+    /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
+    const float per_weight = 1.0f / weight;
+    sum = v3_scale(sum, per_weight);
     out->rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
-    const cr_vec3 way = into_cone(zones, m, part, sum, out->rules);
+    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, out->rules);
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
     out->weight_m3 = weight;
     out->depth_m = 0.0f;
-    out->normal = v3_unit(way, 1e-6f * weight);
-    turn = v3_add(turn, v3_cross(v3_scale(centre, 1.0f / weight), v3_sub(way, sum)));
+    out->normal = v3_unit(way, 1e-6f);
+    turn = v3_add(v3_scale(turn, per_weight), v3_cross(v3_scale(centre, per_weight), v3_sub(way, sum)));
     out->arm_m = v3_scale(turn, 1.0f / max_f(length, 1e-30f));
-    out->open = min_f(1.0f, size / (OPEN_MIN * weight)) * clamp_f(led, 0.0f, 1.0f);
+    out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f);
 }
 
 static void relate_all(const cr_scene *scene, const cr_way_zones *zones, const means *m, cr_way_relations *r) {

@@ -33,6 +33,7 @@ REFERENCE, RIVAL_REFERENCE = "gcc -O0 -g", f"gcc -O0 {WITH_RIVALS}"
 
 Inputs = tuple[bytes, npt.NDArray[np.float32]]
 """A scene image and rows of a path."""
+RIVALS_C = [f for room in ("rivals", "way_out") for f in (ROOT / "firmware" / room).glob("*.c")]
 
 
 def build(folder: Path, options: str) -> Path:
@@ -42,7 +43,7 @@ def build(folder: Path, options: str) -> Path:
     sources = [
         *(ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")),
         *FIRMWARE_C,
-        *(sorted((ROOT / "firmware/rivals").glob("*.c")) if WITH_RIVALS in levels else ()),
+        *(RIVALS_C if WITH_RIVALS in levels else ()),
     ]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
     subprocess.run(
