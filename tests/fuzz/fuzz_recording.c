@@ -3,7 +3,7 @@
 #include "fuzz.h"
 #include "servo_rig.h"
 
-#define RECORDS_MAX 200u
+#define RECORDS_MAX 400u
 #define PERIOD_NS 12000000u /* longer than the space between two SDOs: the set-up takes few records */
 
 static void run(const cr_servo_config *config, const uint8_t *bytes, uint32_t count) {

@@ -34,7 +34,7 @@ TARGETS = (
     Target("scene", 0.20, ["-max_len=16384", "-len_control=0"]),
     Target("scene_scalar", 0.10, ["-max_len=16384", "-len_control=0"]),
     Target("servo", 0.26, ["-max_len=400"]),
-    Target("recording", 0.12, ["-max_len=110000", "-len_control=0"]),
+    Target("recording", 0.12, ["-max_len=220000", "-len_control=0"]),
     Target(
         "device",
         0.10,

@@ -67,6 +67,8 @@ def bake_scene(folder: Path) -> Path:
         "mm",
         "--spacing",
         "2mm",
+        "--memory-max",
+        "1GiB",  # the little kernel has less, and this takes less than estimated
     ]
     assert main([str(word) for word in words]) == 0
     return path
