@@ -1,31 +1,7 @@
 /* coverage: which part of each sample's piece of tool surface is inside the static object, and sums over a cluster.
  * DESIGN.md "Point shell and coverage". */
+#include "contact/lanes.h"
 #include "contact/stages.h"
-
-#if CR_SCALAR
-/* Sum of w v in the same order of addition as with vectors, in one expression, so that all of it stays in registers. */
-static inline float sum_products(const float *w, const float *v) {
-    float a = (w[0] * v[0] + w[8] * v[8]) + (w[4] * v[4] + w[12] * v[12]);
-    float b = (w[2] * v[2] + w[10] * v[10]) + (w[6] * v[6] + w[14] * v[14]);
-    float c = (w[1] * v[1] + w[9] * v[9]) + (w[5] * v[5] + w[13] * v[13]);
-    float d = (w[3] * v[3] + w[11] * v[11]) + (w[7] * v[7] + w[15] * v[15]);
-    return (a + b) + (c + d);
-}
-#else
-/* Fixed order of addition: lane i with lane i + 8, then 4, 2, 1. */
-static inline float sum_products(const float *w, const float *v) {
-    float t[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        t[i] = w[i] * v[i];
-    }
-    for (int width = CR_LANES / 2; width > 0; width /= 2) {
-        for (int i = 0; i < width; i++) {
-            t[i] += t[i + width];
-        }
-    }
-    return t[0];
-}
-#endif
 
 /* Least share of the full width over which a sample fades in: a face that comes down flat would otherwise switch on at once. */
 #define WIDTH_MIN 0.25f
@@ -121,13 +97,13 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_im
     for (int i = 0; i < CR_LANES; i++) {
         area[i] = w[i] * c->area[i];
     }
-    sum->ax = sum_products(w, c->ax);
-    sum->ay = sum_products(w, c->ay);
-    sum->az = sum_products(w, c->az);
-    sum->px = sum_products(area, c->x);
-    sum->py = sum_products(area, c->y);
-    sum->pz = sum_products(area, c->z);
-    sum->area = sum_products(w, c->area);
+    sum->ax = cr_sum_products(w, c->ax);
+    sum->ay = cr_sum_products(w, c->ay);
+    sum->az = cr_sum_products(w, c->az);
+    sum->px = cr_sum_products(area, c->x);
+    sum->py = cr_sum_products(area, c->y);
+    sum->pz = cr_sum_products(area, c->z);
+    sum->area = cr_sum_products(w, c->area);
     sum->peak = w[0];
     for (int i = 1; i < CR_LANES; i++) {
         sum->peak = higher_f(sum->peak, w[i]);

@@ -153,9 +153,11 @@ struct cr_img_cluster {
     float ramp[CR_LANES];      /* half the largest such width for a unit gradient: where coverage can begin, m */
     float reach[CR_LANES];     /* half the length of a crease piece, m; 0 for other samples */
     float bow[CR_LANES];       /* how far a face sample\'s piece bends back behind its plane, m; 0 where it is flat */
-    uint32_t count;            /* lanes in use */
-    uint32_t vertex_mask;      /* lanes that are corners or other vertices of the mesh */
-    uint32_t crease_mask;      /* lanes that are straight pieces of creases: their middles */
+    uint16_t count;            /* lanes in use */
+    uint16_t vertex_mask;      /* lanes that are corners or other vertices of the mesh */
+    uint16_t crease_mask;      /* lanes that are straight pieces of creases: their middles */
+    uint16_t piece_lanes[CR_PIECES]; /* lanes that belong to each of piece[] */
+    uint16_t pad;
     float normal[3];           /* mean outward normal, unit or zero */
     float radius_m;            /* sphere about the mean position that holds the points */
     uint16_t beside[CR_LANES]; /* lanes of this cluster beside each lane on the tool surface */

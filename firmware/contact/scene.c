@@ -336,14 +336,17 @@ static int lane_is_sound(const struct cr_img_meta *m, const struct cr_img_cluste
            (c->beside[i] & ~others) == 0u;
 }
 
-/* Pieces that there are, no piece twice. */
-static int pieces_are_sound(const struct cr_img_meta *m, const uint16_t *piece) {
+/* Pieces that there are, no piece twice, every lane in one. */
+static int pieces_are_sound(const struct cr_img_meta *m, const struct cr_img_cluster *c) {
+    uint32_t lanes = 0u;
     for (uint32_t i = 0; i < CR_PIECES; i++) {
-        if (piece[i] != CR_PIECE_NONE && piece[i] >= m->piece_count) {
+        const int none = c->piece[i] == CR_PIECE_NONE;
+        if ((!none && c->piece[i] >= m->piece_count) || none != (c->piece_lanes[i] == 0u)) {
             return 0;
         }
+        lanes |= c->piece_lanes[i];
     }
-    return piece[0] != CR_PIECE_NONE && piece[0] != piece[1];
+    return lanes == lanes_below(c->count) && c->piece[0] != CR_PIECE_NONE && c->piece[0] != c->piece[1];
 }
 
 static int cluster_is_sound(const cr_scene *s, uint32_t index) {
@@ -352,7 +355,7 @@ static int cluster_is_sound(const cr_scene *s, uint32_t index) {
     if (c->count < 1u || c->count > CR_LANES || !floats_are_finite(c->x, (size_t)6u * CR_LANES) ||
         ((c->vertex_mask | c->crease_mask) & ~lanes_below(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
         !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !is_in(c->radius_m, 0.0f, VALUE_MAX) ||
-        !pieces_are_sound(s->meta, c->piece)) {
+        !pieces_are_sound(s->meta, c)) {
         return 0;
     }
     for (uint32_t i = 0; i < CR_LANES; i++) {

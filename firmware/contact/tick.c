@@ -240,6 +240,11 @@ static void answer_found(cr_world *w, const xform *at, cr_output *out) {
     w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
     in.proxy = &w->proxy;
 #endif
+#ifdef CR_RIVALS
+    if (w->config.response == CR_RESPONSE_WAY_OUT) {
+        w->areas.count = 0u;
+    } else
+#endif
     cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
     out->area_count = cr_respond(&in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
     for (uint32_t i = 0; i < out->area_count; i++) {

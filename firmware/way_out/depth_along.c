@@ -16,6 +16,8 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
+#define NEVER_M 3.0e38f
+
 /* What is measured. */
 typedef struct {
     const cr_respond_input *in;
@@ -24,210 +26,410 @@ typedef struct {
     cr_way_half *half;
 } survey;
 
-/* A sample and the planes known there: the first is the one it is inside of. */
+/* Planes that are known at the lanes of a cluster. */
+typedef struct {
+    uint32_t facet;
+    int curved;         /* 1: the normal is each lane's own */
+    cr_vec3 normal;     /* tool frame */
+    const float *height_m; /* [CR_LANES] */
+} known;
+
+/* Lanes of a cluster and the planes there: the first is the one they are inside of. */
 typedef struct {
     const struct cr_img_cluster *c;
-    int lane;
-    cr_vec3 p; /* tool frame */
+    uint32_t lanes;
     uint32_t count;
-    uint32_t facet[CR_KIND_FACETS_MAX];
-    cr_vec3 normal[CR_KIND_FACETS_MAX];
-    float height_m[CR_KIND_FACETS_MAX];
-} spot;
+    known planes[CR_KIND_FACETS_MAX];
+    const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
+} spots;
 
-/* How far along the normal a sample has to go until it is outside: steps as long as the distance. */
-static float march(const survey *s, const spot *at, cr_vec3 way, float most_m) {
-    const cr_vec3 from = xform_point(s->in->world_from_tool, at->p), to = xform_rotate(s->in->world_from_tool, way);
-    cr_lanes3 place;
+/* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
+typedef struct {
+    uint32_t count;
+    cr_vec3 normal[CR_WAY_EXITS_MAX];
+    int curved[CR_WAY_EXITS_MAX];
+    float height_m[CR_WAY_EXITS_MAX][CR_LANES];
+    float leaves[CR_WAY_EXITS_MAX][CR_LANES];
+} rows;
+
+static cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
+
+/* How far along the normal each of some lanes has to go until it is outside: steps as long as the distance. */
+static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 way, float most_m,
+                  float *gone_m) {
+    const cr_vec3 to = xform_rotate(s->in->world_from_tool, way);
+    cr_lanes3 from, place;
     cr_lookup found;
-    float gone = 0.0f;
-    for (int step = 0; step < MARCH_STEPS && gone < most_m; step++) {
-        const cr_vec3 p = v3_mad(from, to, gone);
-        for (int k = 0; k < CR_LANES; k++) {
-            place.x[k] = p.x;
-            place.y[k] = p.y;
-            place.z[k] = p.z;
-        }
-        cr_field_look_up_lanes(s->in->field, &place, 1u, &found);
-        if (!(found.phi_m[0] < -MARCH_END * at->c->ramp[at->lane])) {
-            break;
-        }
-        gone -= found.phi_m[0];
+    cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &from);
+    for (int i = 0; i < CR_LANES; i++) {
+        gone_m[i] = 0.0f;
     }
-    return min_f(gone, most_m);
+    for (int step = 0; step < MARCH_STEPS && lanes != 0u; step++) {
+        for (int i = 0; i < CR_LANES; i++) {
+            place.x[i] = from.x[i] + to.x * gone_m[i];
+            place.y[i] = from.y[i] + to.y * gone_m[i];
+            place.z[i] = from.z[i] + to.z * gone_m[i];
+        }
+        cr_field_look_up_lanes(s->in->field, &place, lanes, &found);
+        for (uint32_t left = lanes; left != 0u;) {
+            const int i = take_lane(&left);
+            if (found.phi_m[i] < -MARCH_END * c->ramp[i]) {
+                gone_m[i] -= found.phi_m[i];
+            } else {
+                lanes &= ~(1u << i);
+            }
+            lanes &= gone_m[i] < most_m ? 0xffffffffu : ~(1u << i);
+        }
+    }
 }
 
-/* The planes that bound a half-space, but for those that are known at the sample. One that the sample is above does not bound it. */
-static void add_bounds(const cr_way_half *half, const spot *at, cr_way_exits *e) {
+/* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it. */
+static void add_bounds(const cr_way_half *half, const spots *at, rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
+        const float leaves = v3_dot(q->normal, half->normal) * q->part;
         uint32_t k = 0u;
-        while (k < at->count && at->facet[k] != q->facet) {
+        while (k < at->count && at->planes[k].facet != q->facet) {
             k++;
         }
-        const float height = v3_dot(q->normal, at->p) + q->offset_m, leaves = v3_dot(q->normal, half->normal) * q->part;
-        if (k == at->count && height < 0.0f && leaves > CR_WAY_LEAVES_MIN) {
-            /* A plane that is hardly touched yet says nothing of how deep one may be below it. */
-            const float seen = max_f(1e-6f, min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3)));
-            e->normal[e->count] = q->normal;
-            e->height_m[e->count] = max_f(height, -(BEYOND * q->deep_m + at->c->ramp[at->lane]) / seen);
-            e->leaves[e->count++] = leaves;
+        if (k < at->count || !(leaves > CR_WAY_LEAVES_MIN)) {
+            continue;
+        }
+        /* A plane that is hardly touched yet says nothing of how deep one may be below it. */
+        const float seen = max_f(1e-6f, min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3)));
+        const struct cr_img_cluster *c = at->c;
+        float *height = e->height_m[e->count], *steep = e->leaves[e->count];
+        for (int i = 0; i < CR_LANES; i++) {
+            const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
+            height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]) / seen);
+            steep[i] = h < 0.0f ? leaves : -1.0f;
+        }
+        e->curved[e->count] = 0;
+        e->normal[e->count++] = q->normal;
+    }
+}
+
+static void find_own(const cr_way_half *half, const spots *at, rows *e) {
+    e->count = at->count;
+    for (uint32_t k = 0; k < at->count; k++) {
+        const known *p = &at->planes[k];
+        const float leaves = p->curved ? 0.0f : v3_dot(p->normal, half->normal);
+        e->normal[k] = p->normal;
+        e->curved[k] = p->curved;
+        for (int i = 0; i < CR_LANES; i++) {
+            e->height_m[k][i] = p->height_m[i];
+            e->leaves[k][i] = p->curved ? v3_dot(lane_of(at->normal, i), half->normal) : leaves;
         }
     }
 }
 
-/* A sample counts for a half-space by its exit. Where the normal hardly leaves through the planes it is looked for along the normal, if the
- * half-space holds most of the weight. */
-static void count_for(const survey *s, const spot *at, cr_way_half *half, float part) {
-    cr_way_exits e;
-    float leaves = 0.0f;
-    e.count = at->count;
-    for (uint32_t k = 0; k < at->count; k++) {
-        e.normal[k] = at->normal[k];
-        e.height_m[k] = at->height_m[k];
-        e.leaves[k] = v3_dot(at->normal[k], half->normal);
+/* Of each lane: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the steepest exit is, and
+ * whether but one exit can be the first. */
+typedef struct {
+    float middle_m[CR_LANES], most_m[CR_LANES], steep[CR_LANES];
+    uint32_t plain;
+} ways;
+
+/* How far the height above a plane varies from the middle of each piece to its end. */
+static void find_reach(const struct cr_img_cluster *c, const rows *e, uint32_t k, const cr_lanes3 *normal,
+                       float *reach_m) {
+    for (int i = 0; i < CR_LANES; i++) {
+        const cr_vec3 n = e->curved[k] ? lane_of(normal, i) : e->normal[k];
+        const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+        const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+        reach_m[i] = 0.5f * CR_WAY_REACH * sqrtf(higher_f(0.0f, width2)) + c->reach[i];
     }
-    add_bounds(half, at, &e);
-    for (uint32_t k = 0; k < e.count; k++) {
-        leaves = max_f(leaves, e.leaves[k]);
-    }
-    const float most_m = FAR_MAX * half->deep_m + at->c->ramp[at->lane];
-    float way_m = min_f(most_m, cr_way_longest(at->c, at->lane, &e));
-    if (!(way_m * part > half->depth_m)) {
-        return;
-    }
-    const float sure = clamp_f((leaves - STEEP_MIN) / (STEEP - STEEP_MIN), 0.0f, 1.0f);
-    if (sure < 1.0f) {
-        const float gone_m = half->rules > 0.0f ? march(s, at, half->normal, way_m) : 0.0f;
-        way_m = sure * way_m + (1.0f - sure) * half->rules * gone_m;
-    }
-    half->depth_m = max_f(half->depth_m, part * way_m);
 }
 
-/* How near a sample is to another zone: 1 where it is no deeper below that one's mean plane than it is in its own, 0 from twice that on or above. */
-static float nearness(const spot *at, const cr_way_zone *other) {
-    const cr_vec3 n = v3_unit(v3_scale(other->normal_m3, 1.0f / other->weight_m3), 0.0f),
-                  touched = v3_scale(other->touched_m4, 1.0f / other->weight_m3);
-    const float mine = max_f(0.0f, -at->height_m[0]), its = v3_dot(n, v3_sub(touched, at->p)),
-                ramp = at->c->ramp[at->lane];
+/* Lanes whose way may be longer than what is known, by the plane that they are inside of. */
+static uint32_t find_longer(const spots *at, const rows *e, const float *part, const cr_way_half *half) {
+    const struct cr_img_cluster *c = at->c;
+    uint32_t longer = 0u;
+    float reach[CR_LANES];
+    find_reach(c, e, 0u, at->normal, reach);
+    for (int i = 0; i < CR_LANES; i++) {
+        const float leaves = e->leaves[0][i], far = FAR_MAX * half->deep_m + c->ramp[i];
+        const float most = (reach[i] - e->height_m[0][i]) / higher_f(leaves, CR_WAY_LEAVES_MIN);
+        const float way = leaves > CR_WAY_LEAVES_MIN ? lower_f(far, most) : far;
+        longer |= (uint32_t)(part[i] * way > half->depth_m) << i;
+    }
+    return longer;
+}
+
+static void find_ways(const spots *at, const rows *e, ways *w) {
+    const struct cr_img_cluster *c = at->c;
+    float first[CR_LANES], second[CR_LANES]; /* the two least that exits may be anywhere on a piece */
+    for (int i = 0; i < CR_LANES; i++) {
+        w->middle_m[i] = w->most_m[i] = first[i] = second[i] = NEVER_M;
+        w->steep[i] = 0.0f;
+    }
+    for (uint32_t k = 0; k < e->count; k++) {
+        float reach[CR_LANES];
+        find_reach(c, e, k, at->normal, reach);
+        for (int i = 0; i < CR_LANES; i++) {
+            const float leaves = e->leaves[k][i], h = e->height_m[k][i];
+            const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
+            const int leads = leaves > CR_WAY_LEAVES_MIN, bounds = leads | ((h > 0.0f) & (leaves > -1.0f));
+            const float least = leads ? -(h + reach[i]) * per : NEVER_M;
+            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
+            w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
+            w->steep[i] = higher_f(w->steep[i], leaves);
+            second[i] = lower_f(second[i], higher_f(first[i], least));
+            first[i] = lower_f(first[i], least);
+        }
+    }
+    w->plain = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= STEEP)) << i;
+    }
+    w->plain &= ~(uint32_t)c->crease_mask;
+}
+
+/* One lane in full: anywhere on its piece; where the normal hardly leaves through the planes by what a march found. */
+static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e, int i, float steep,
+                         const float *gone_m) {
+    cr_way_exits exits;
+    exits.count = 0u;
+    for (uint32_t k = 0; k < e->count; k++) {
+        if (e->leaves[k][i] > -1.0f) {
+            exits.normal[exits.count] = e->curved[k] ? lane_of(at->normal, i) : e->normal[k];
+            exits.height_m[exits.count] = e->height_m[k][i];
+            exits.leaves[exits.count++] = e->leaves[k][i];
+        }
+    }
+    const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i], way_m = min_f(most_m, cr_way_longest(at->c, i, &exits));
+    const float sure = clamp_f((steep - STEEP_MIN) / (STEEP - STEEP_MIN), 0.0f, 1.0f);
+    return sure < 1.0f ? sure * way_m + (1.0f - sure) * half->rules * min_f(gone_m[i], way_m) : way_m;
+}
+
+/* Lanes count for a half-space by their exits, each by its part. */
+static void count_for(const survey *s, const spots *at, uint32_t lanes, const float *part, cr_way_half *half) {
+    rows e;
+    ways w;
+    float gone[CR_LANES], most = 0.0f;
+    uint32_t steep = 0u, left = 0u;
+    find_own(half, at, &e);
+    lanes &= find_longer(at, &e, part, half);
+    if (lanes == 0u) {
+        return;
+    }
+    add_bounds(half, at, &e);
+    find_ways(at, &e, &w);
+    for (int i = 0; i < CR_LANES; i++) {
+        const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
+        const float way = part[i] * lower_f(far, higher_f(0.0f, w.middle_m[i]));
+        half->depth_m = ((lanes & w.plain) >> i) & 1u ? higher_f(half->depth_m, way) : half->depth_m;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
+        most = higher_f(most, far);
+        left |= (uint32_t)(part[i] * lower_f(far, w.most_m[i]) > half->depth_m) << i;
+        steep |= (uint32_t)(w.steep[i] >= STEEP) << i;
+    }
+    left &= lanes & ~w.plain;
+    if ((left & ~steep) != 0u && half->rules > 0.0f) {
+        march(s, at->c, left & ~steep, half->normal, most, gone);
+    }
+    while (left != 0u) {
+        const int i = take_lane(&left);
+        half->depth_m = max_f(half->depth_m, part[i] * way_of_lane(at, half, &e, i, w.steep[i], gone));
+    }
+}
+
+/* How near a lane is to another zone: 1 where it is no deeper below that one's mean plane than it is in its own, 0 from twice that on or above. */
+static float nearness(const survey *s, const spots *at, int i, uint32_t other) {
+    const struct cr_img_cluster *c = at->c;
+    const cr_vec3 p = v3(c->x[i], c->y[i], c->z[i]);
+    const float mine = higher_f(0.0f, -at->planes[0].height_m[i]), ramp = c->ramp[i],
+                its = v3_dot(s->relations->unit[other], v3_sub(s->relations->touched[other], p));
     return clamp_f((2.0f * mine + ramp - its) / (mine + ramp), 0.0f, 1.0f) * clamp_f(its / ramp, 0.0f, 1.0f);
 }
 
-/* A sample counts for its zone; where that does not lead, for those that it is related to and near to. */
-static void count_in_zone(const survey *s, const spot *at, uint32_t z, float part) {
+/* Lanes count for their zone; where that does not lead, for those that it is related to and they are near to. */
+static void count_in_zone(const survey *s, const spots *at, uint32_t lanes, uint32_t z, const float *part) {
     const cr_way_relations *r = s->relations;
+    float share[CR_LANES];
     if (r->lead[z] > 0.0f) {
-        count_for(s, at, &s->half[r->half_of[z]], part * r->lead[z]);
+        for (int i = 0; i < CR_LANES; i++) {
+            share[i] = part[i] * r->lead[z];
+        }
+        count_for(s, at, lanes, share, &s->half[r->half_of[z]]);
     }
     for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
-        const float share = b == z ? 0.0f : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
-        const float near = share > 0.0f ? nearness(at, &s->zones->zones[b]) : 0.0f;
-        if (near > 0.0f) {
-            count_for(s, at, &s->half[r->half_of[b]], part * share * near);
+        const float related = b == z ? 0.0f : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
+        if (related > 0.0f) {
+            for (int i = 0; i < CR_LANES; i++) {
+                share[i] = part[i] * related * nearness(s, at, i, b);
+            }
+            count_for(s, at, lanes, share, &s->half[r->half_of[b]]);
         }
     }
 }
 
-static void count_spot(const survey *s, const spot *at, uint32_t surface, uint32_t side, float part) {
+static void count_lanes_for(const survey *s, const spots *at, uint32_t surface, uint32_t side, const float *part) {
     for (int slot = 0; slot < CR_PIECES; slot++) {
         const cr_way_key key = {surface, side, at->c->piece[slot]};
-        const uint32_t z = key.piece == CR_PIECE_NONE ? CR_WAY_NONE : cr_way_find(s->zones, key);
+        const uint32_t lanes = at->lanes & at->c->piece_lanes[slot];
+        const uint32_t z = key.piece == CR_PIECE_NONE || lanes == 0u ? CR_WAY_NONE : cr_way_find(s->zones, key);
         if (z != CR_WAY_NONE) {
-            count_in_zone(s, at, z, part);
+            count_in_zone(s, at, lanes, z, part);
         }
     }
 }
 
-/* A sample where the static object is convex, bounded by planes: it is inside of the nearest, and knows the others. */
-static void over_solid(const survey *s, const cr_planes *p, spot *at) {
-    uint32_t top = 0u;
-    for (uint32_t k = 0; k < p->count; k++) {
-        at->facet[k] = p->facet[k];
-        at->normal[k] = p->normal_tool[k];
-        at->height_m[k] = v3_dot(p->normal_tool[k], at->p) + p->offset_m[k];
-        top = at->height_m[k] > at->height_m[top] ? k : top;
-    }
-    at->count = p->count;
-    const uint32_t facet = at->facet[top];
-    const cr_vec3 normal = at->normal[top];
-    const float height_m = at->height_m[top];
-    at->facet[top] = at->facet[0];
-    at->normal[top] = at->normal[0];
-    at->height_m[top] = at->height_m[0];
-    at->facet[0] = facet;
-    at->normal[0] = normal;
-    at->height_m[0] = height_m;
-    count_spot(s, at, facet, 0u, 1.0f);
-}
+static const float whole[CR_LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f,
+                                      1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
 
-/* A sample behind walls that meet concavely: each wall on its own, as far as the piece reaches behind it. */
-static void behind_walls(const survey *s, const cr_planes *p, spot *at) {
-    at->count = 1u;
-    for (uint32_t k = 0; k < p->count; k++) {
-        at->facet[0] = p->facet[k];
-        at->normal[0] = v3_scale(p->normal_tool[k], -1.0f);
-        at->height_m[0] = -(v3_dot(p->normal_tool[k], at->p) + p->offset_m[k]);
-        if (at->height_m[0] < at->c->ramp[at->lane]) {
-            count_spot(s, at, p->facet[k], 0u, 1.0f);
+/* Lanes where the static object is convex, bounded by planes: each is inside of the nearest, and knows the others. */
+static void over_solid(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
+                       const cr_heights *h) {
+    for (uint32_t top = 0; top < p->count; top++) {
+        spots at = {.c = c, .lanes = lanes & h->highest[top], .count = p->count};
+        for (uint32_t k = 0; k < p->count; k++) {
+            const uint32_t to = k == top ? 0u : k == 0u ? top : k;
+            at.planes[to] = (known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
+        }
+        if (at.lanes != 0u) {
+            count_lanes_for(s, &at, p->facet[top], 0u, whole);
         }
     }
 }
 
-static void over_planes(const survey *s, const cr_planes *p, spot *at) {
+/* Lanes behind walls that meet concavely: each wall on its own, as far as the piece reaches behind it. */
+static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
+                         const cr_heights *h) {
+    float height_m[CR_LANES];
+    for (uint32_t k = 0; k < p->count; k++) {
+        spots at = {.c = c, .lanes = 0u, .count = 1u};
+        for (int i = 0; i < CR_LANES; i++) {
+            height_m[i] = -h->height_m[k][i];
+            at.lanes |= (uint32_t)(height_m[i] < c->ramp[i]) << i;
+        }
+        at.lanes &= lanes;
+        at.planes[0] = (known){p->facet[k], 0, v3_scale(p->normal_tool[k], -1.0f), height_m};
+        if (at.lanes != 0u) {
+            count_lanes_for(s, &at, p->facet[k], 0u, whole);
+        }
+    }
+}
+
+static void over_planes(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *all) {
+    cr_planes one;
+    cr_heights h;
+    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, &one);
+    cr_planes_measure(p, c, &h);
     if (p->sign < 0.0f) {
-        behind_walls(s, p, at);
+        behind_walls(s, c, lanes, p, &h);
     } else {
-        over_solid(s, p, at);
+        over_solid(s, c, lanes, p, &h);
     }
 }
 
-/* A sample that was looked up, over a facet or a curved surface: by one plane. */
-static void over_one(const survey *s, const cr_lookup *look, cr_vec3 p_world, const cr_way_facets *on, uint32_t k,
-                     spot *at) {
-    const struct cr_img_facet *facet =
-        on->facet[k] == CR_FACET_NONE ? NULL : &s->in->field->scene->facets[on->facet[k]];
-    const cr_vec3 g = v3_unit(v3(look->gx[at->lane], look->gy[at->lane], look->gz[at->lane]), 1e-3f);
-    at->count = 1u;
-    at->facet[0] = on->facet[k];
-    if (facet != NULL && !facet->curved) {
-        at->normal[0] = xform_unrotate(s->in->world_from_tool, v3_from(facet->normal));
-        at->height_m[0] = v3_dot(v3_from(facet->normal), p_world) - facet->offset_m;
-        count_spot(s, at, on->facet[k], 0u, on->share[k] > 0.0f ? min_f(1.0f, on->share[k] / SIDE_FULL) : 0.0f);
-        return;
-    }
-    at->normal[0] = xform_unrotate(s->in->world_from_tool, g);
-    at->height_m[0] = look->phi_m[at->lane];
+/* Lanes over a curved surface, each by its own plane, for the sides that their normals have a part of. */
+static void over_curved(const survey *s, spots *at, uint32_t surface, const cr_lookup *look, const float *height_m,
+                        const float *share) {
+    float part[CR_LANES];
+    at->planes[0] = (known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), height_m};
     for (uint32_t side = 0; side < CR_WAY_SIDES; side++) {
-        const float part = on->share[k] * cr_way_share(g, side);
-        if (part > 0.0f) {
-            count_spot(s, at, facet == NULL ? CR_WAY_DEEP : CR_WAY_CURVED | facet->patch, side,
-                       min_f(1.0f, part / SIDE_FULL));
+        uint32_t on = 0u;
+        for (int i = 0; i < CR_LANES; i++) {
+            const float its = share[i] * cr_way_share(v3(look->gx[i], look->gy[i], look->gz[i]), side);
+            part[i] = lower_f(1.0f, its / SIDE_FULL);
+            on |= (uint32_t)(its > 0.0f) << i;
+        }
+        const spots some = {at->c, at->lanes & on, 1u, {at->planes[0]}, at->normal};
+        if (some.lanes != 0u) {
+            count_lanes_for(s, &some, surface, side, part);
         }
     }
 }
 
-static void looked_up(const survey *s, const cr_lookup *look, const cr_lanes3 *world, cr_planes *cell, spot *at) {
-    const int i = at->lane;
+/* Lanes over a facet that is not curved. */
+static void over_flat(const survey *s, spots *at, uint32_t index, const float *share) {
+    const struct cr_img_facet *facet = &s->in->field->scene->facets[index];
+    const struct cr_img_cluster *c = at->c;
+    const cr_vec3 n = xform_unrotate(s->in->world_from_tool, v3_from(facet->normal));
+    const float offset = v3_dot(v3_from(facet->normal), s->in->world_from_tool->t) - facet->offset_m;
+    float height_m[CR_LANES], part[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
+        part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
+    }
+    at->planes[0] = (known){index, 0, n, height_m};
+    count_lanes_for(s, at, index, 0u, part);
+}
+
+/* Lanes that were looked up, on one surface, by their share. */
+static void over_surface(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface,
+                         const cr_lookup *look, const cr_lanes3 *normal, const float *share) {
+    spots at = {.c = c, .lanes = lanes, .count = 1u, .normal = normal};
+    if (surface < CR_WAY_CURVED) {
+        over_flat(s, &at, surface, share);
+    } else {
+        over_curved(s, &at, surface, look, look->phi_m, share);
+    }
+}
+
+/* One lane in a cell of several facets, or of none. */
+static void over_cell(const survey *s, const struct cr_img_cluster *c, int i, const cr_lookup *look,
+                      const cr_lanes3 *world, const cr_lanes3 *normal) {
+    const cr_field *f = s->in->field;
+    float share[CR_LANES] = {0.0f};
     cr_way_facets on;
-    if ((look->entry[i] & CR_TOP_FAR) != 0u) {
+    cr_way_facets_of(f, look, i, lane_of(world, i), &on);
+    if (on.count == 0u) {
+        share[i] = 1.0f;
+        over_surface(s, c, 1u << i, CR_WAY_DEEP, look, normal, share);
+    }
+    for (uint32_t k = 0; k < on.count; k++) {
+        const struct cr_img_facet *facet = &f->scene->facets[on.facet[k]];
+        share[i] = on.share[k];
+        if (share[i] > 0.0f) {
+            over_surface(s, c, 1u << i, facet->curved ? CR_WAY_CURVED | facet->patch : on.facet[k], look, normal, share);
+        }
+    }
+}
+
+static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
+                      const cr_lanes3 *world, cr_planes *cell) {
+    cr_lanes3 normal;
+    const uint32_t surface = cr_way_common(s->in->field, look, lanes);
+    cr_way_normals(s->in->world_from_tool, look, &normal);
+    if (surface != CR_WAY_NONE) {
+        over_surface(s, c, lanes, surface, look, &normal, whole);
         return;
     }
-    if (((look->from_facet >> i) & 1u) != 0u) {
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        if ((look->entry[i] & CR_TOP_FAR) != 0u) {
+            continue;
+        }
+        if (((look->from_facet >> i) & 1u) == 0u) {
+            over_cell(s, c, i, look, world, &normal);
+            continue;
+        }
+        uint32_t same = 1u << i;
+        for (uint32_t left = lanes & look->from_facet; left != 0u;) {
+            const int k = take_lane(&left);
+            same |= (uint32_t)(look->kind[k] == look->kind[i]) << k;
+        }
+        lanes &= ~same;
         if (cell->kind != look->kind[i]) {
             cr_planes_turn(s->in->field->scene, s->in->world_from_tool, look->kind[i], cell);
         }
-        over_planes(s, cell, at);
-        return;
+        over_planes(s, c, same, cell);
     }
-    const cr_vec3 p_world = v3(world->x[i], world->y[i], world->z[i]);
-    cr_way_facets_of(s->in->field, look, i, p_world, &on);
-    if (on.count == 0u) {
-        on.count = 1u;
-        on.share[0] = 1.0f;
-        on.facet[0] = CR_FACET_NONE;
-    }
-    for (uint32_t k = 0; k < on.count; k++) {
-        over_one(s, look, p_world, &on, k, at);
+}
+
+static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
+    const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
+    const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
+    cr_lanes3 world;
+    cr_lookup look;
+    if (cr_way_planes(s->in, hit, planes, &world, &look)) {
+        over_planes(s, c, lanes, planes);
+    } else {
+        looked_up(s, c, lanes, &look, &world, cell);
     }
 }
 
@@ -235,20 +437,11 @@ void cr_way_measure(const cr_respond_input *in, const cr_way_zones *zones, const
                     cr_way_half *half) {
     const survey s = {in, zones, relations, half};
     cr_planes planes = {0}, cell = {0};
+    /* Where the zones are deepest first: most others are then known not to be deeper. */
+    for (uint32_t z = 0; z < zones->count; z++) {
+        measure_hit(&s, &in->set->hits[zones->zones[z].deep_hit], &planes, &cell);
+    }
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
-        const cr_hit *hit = &in->set->hits[h];
-        const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
-        cr_lanes3 world;
-        cr_lookup look;
-        const int known = cr_way_planes(in, hit, &planes, &world, &look);
-        for (uint32_t left = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u); left != 0u;) {
-            spot at = {.c = c, .lane = take_lane(&left)};
-            at.p = v3(c->x[at.lane], c->y[at.lane], c->z[at.lane]);
-            if (known) {
-                over_planes(&s, &planes, &at);
-            } else {
-                looked_up(&s, &look, &world, &cell, &at);
-            }
-        }
+        measure_hit(&s, &in->set->hits[h], &planes, &cell);
     }
 }

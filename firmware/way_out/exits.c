@@ -4,8 +4,6 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "way_out/way_out.h"
 
-/* A piece of face is taken to reach this many half-widths from its middle, and fades out from one on: pieces overlap, none leaves a gap. */
-#define FACE_REACH 1.4f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
@@ -74,7 +72,7 @@ static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, p.u) : base_m;
     }
-    const float part = clamp_f((FACE_REACH - out) / (FACE_REACH - 1.0f), 0.0f, 1.0f);
+    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - 1.0f), 0.0f, 1.0f);
     return part > 0.0f ? base_m + part * (first_exit(e, p.u) - c->bow[i] * out * out - base_m) : base_m;
 }
 
@@ -111,7 +109,7 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
     rival r[RIVALS_MAX];
     place p = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
-    const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : FACE_REACH, r);
+    const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, r);
     const float base = max_f(0.0f, first_exit(e, p.u));
     float best = base;
     if (is_crease && count > 0u) {

@@ -33,8 +33,15 @@ typedef struct {
 
 static means means_of(const cr_way_zone *z) {
     const float inverse = 1.0f / z->weight_m3;
-    const means m = {v3_scale(z->normal_m3, inverse), v3_unit(v3_scale(z->normal_m3, inverse), 1e-3f),
-                     v3_scale(z->touched_m4, inverse)};
+    const cr_vec3 centre = v3_scale(z->centre_m4, inverse);
+    means m = {z->plane_normal, z->plane_normal, centre};
+    if (z->flat) {
+        m.touched = v3_mad(centre, m.unit, -(v3_dot(m.unit, centre) + z->plane_offset_m));
+    } else {
+        m.normal = v3_scale(z->normal_m3, inverse);
+        m.unit = v3_unit(m.normal, 1e-3f);
+        m.touched = v3_mad(centre, z->above_m4, inverse);
+    }
     return m;
 }
 
@@ -278,6 +285,8 @@ uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_
     float whole = 0.0f;
     for (uint32_t a = 0; a < zones->count; a++) {
         m[a] = means_of(&zones->zones[a]);
+        r->unit[a] = m[a].unit;
+        r->touched[a] = m[a].touched;
         whole += zones->zones[a].weight_m3;
     }
     relate_all(scene, zones, m, r);

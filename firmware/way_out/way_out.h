@@ -31,11 +31,15 @@ typedef struct {
     uint32_t patch;
     float weight_m3; /* sum of depth times area */
     float area_m2;   /* covered */
-    float deep_m;    /* of the deepest sample */
-    cr_vec3
-        push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
-    cr_vec3 turn_m4;                          /* moment of that about the tool origin */
-    cr_vec3 centre_m4, normal_m3, touched_m4; /* weight times sample, static normal, nearest static point */
+    float deep_m;    /* of the deepest sample, */
+    uint32_t deep_hit; /* in this hit */
+    cr_vec3 push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
+    cr_vec3 turn_m4; /* moment of that about the tool origin */
+    cr_vec3 centre_m4;             /* weight times sample */
+    cr_vec3 normal_m3, above_m4;   /* curved: weight times static normal, and that times depth */
+    uint32_t flat;                 /* 1: a plane, height = normal . p + offset */
+    cr_vec3 plane_normal;
+    float plane_offset_m;
 } cr_way_zone;
 
 typedef struct {
@@ -65,6 +69,40 @@ void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_v
 /* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
 float cr_way_share(cr_vec3 direction, uint32_t side);
 
+/* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
+typedef struct {
+    uint32_t surface, side, patch;
+    uint32_t lanes;
+    float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
+} cr_way_layer;
+#define CR_WAY_LAYERS_MAX 12u
+
+typedef struct {
+    uint32_t count, dropped;
+    cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
+    float full_m[CR_LANES]; /* and depths, whatever they count for */
+    cr_way_layer layers[CR_WAY_LAYERS_MAX];
+} cr_way_layers;
+
+/* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known. */
+void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
+                        const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
+
+/* Purpose  layers of samples that were looked up.   Shapes  at, world: [CR_LANES]. */
+void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const struct cr_img_cluster *cluster,
+                        uint32_t lanes, const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out);
+
+/* Purpose  the surface that all lanes are over, where it is one and not at a crease: a facet that is not curved, or CR_WAY_CURVED with the patch.
+ * Output   CR_WAY_NONE where there is no such. */
+uint32_t cr_way_common(const cr_field *field, const cr_lookup *at, uint32_t lanes);
+
+/* Purpose  unit gradients in the tool frame, zero where there is none. */
+void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
+
+/* Purpose  the one of some planes that matters for a cluster, or all of them. */
+const cr_planes *cr_way_alone(const cr_scene *scene, const struct cr_img_cluster *cluster, const cr_planes *planes,
+                              cr_planes *one);
+
 /* A static plane that bounds what a half-space leads out of: height = normal . p + offset. */
 typedef struct {
     uint32_t facet;
@@ -91,7 +129,8 @@ typedef struct {
 
 /* How zones belong together. */
 typedef struct {
-    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two */
+    cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* mean normal of the static surface, and a point of it */
+    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];            /* 1: one way out, 0: two */
     float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
     uint32_t half_of[CR_WAY_ZONES_MAX];
 } cr_way_relations;
@@ -112,6 +151,9 @@ typedef struct {
     float height_m[CR_WAY_EXITS_MAX];
     float leaves[CR_WAY_EXITS_MAX]; /* normal . way */
 } cr_way_exits;
+
+/* A piece of face is taken to reach this many half-widths from its middle: pieces overlap, none leaves a gap. */
+#define CR_WAY_REACH 1.4f
 
 /* A plane that the way leaves less steeply than this is not left through. */
 #define CR_WAY_LEAVES_MIN 1e-3f

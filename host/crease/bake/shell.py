@@ -579,11 +579,17 @@ def make_adjacency(
     return start, out
 
 
-def most_common(pieces: I64) -> I64:
-    """The two pieces that most samples of a cluster belong to, PIECE_NONE for no second. Shapes: pieces (n, 2)."""
+def pieces_of_lanes(pieces: I64) -> tuple[I64, I64]:
+    """The two pieces that most samples of a cluster belong to, PIECE_NONE for no second, and the lanes of each.
+
+    A sample of neither counts in the first. Shapes: pieces (n, 2); results (2,).
+    """
     names, counts = np.unique(pieces[pieces != PIECE_NONE], return_counts=True)
-    found = names[np.lexsort((names, -counts))][:2]
-    return np.asarray([*found, PIECE_NONE][:2], np.int64)
+    found = np.asarray([*names[np.lexsort((names, -counts))], PIECE_NONE][:2], np.int64)
+    bits = 1 << np.arange(len(pieces))
+    lanes = [int(bits[(pieces == piece).any(axis=1)].sum()) if piece != PIECE_NONE else 0 for piece in found]
+    lanes[0] |= int(bits.sum()) & ~lanes[1]
+    return found, np.asarray(lanes, np.int64)
 
 
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
@@ -606,7 +612,8 @@ def make_shell(surface: Surface, spacing_m: float) -> Shell:
     order = cluster_order(samples, spacing_m)
     clusters = make_clusters(samples, order)
     pieces = pieces_of(samples, spacing_m, surface)
-    clusters["piece"] = [most_common(pieces[ids]) for ids in order]
+    for row, ids in zip(clusters, order, strict=True):
+        row["piece"], row["piece_lanes"] = pieces_of_lanes(pieces[ids])
     groups, levels = make_tree(clusters)
     start, adj = make_adjacency(clusters, order, neighbours(samples, spacing_m))
     root, radius = ball(samples.position_m, np.zeros(len(samples.position_m)))

@@ -1,0 +1,331 @@
+/* layers: what the samples of a cluster are inside of, surface by surface, and how deep. README.md "Zones". */
+#include "way_out/way_out.h"
+
+/* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
+#define EXPLAINS 0.5f
+/* Least share of the full width over which a piece fades in. */
+#define WIDTH_MIN 0.25f
+
+float cr_way_share(cr_vec3 g, uint32_t side) {
+    const float parts[3] = {g.x, g.y, g.z}, length2 = v3_dot(g, g);
+    const float along = parts[side >> 1] * ((side & 1u) != 0u ? -1.0f : 1.0f);
+    return along > 0.0f && length2 > 0.0f ? along * along / length2 : 0.0f;
+}
+
+/* The layer of a surface, made when missing; with the last one full, that. */
+static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
+    for (uint32_t k = 0; k < l->count; k++) {
+        if (l->layers[k].surface == surface && l->layers[k].side == side) {
+            return &l->layers[k];
+        }
+    }
+    if (l->count == CR_WAY_LAYERS_MAX) {
+        l->dropped++;
+        return NULL;
+    }
+    cr_way_layer *made = &l->layers[l->count++];
+    made->surface = surface;
+    made->side = side;
+    made->patch = patch;
+    made->lanes = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        made->depth_m[i] = made->coverage[i] = 0.0f;
+    }
+    return made;
+}
+
+/* Part of a piece that is inside, and the mean depth of all of it, what is outside counting as zero. */
+typedef struct {
+    float share, depth_m;
+} part;
+
+static float clamp_width(float width2, float most) {
+    return clamp_f(sqrtf(higher_f(0.0f, width2)), WIDTH_MIN * most, most);
+}
+
+/* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
+static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
+    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+    const float width = clamp_width(width2, 2.0f * c->ramp[i]);
+    part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f};
+    p.depth_m = p.share < 1.0f ? 0.5f * width * p.share * p.share : -height_m;
+    return p;
+}
+
+/* The same where other planes cut the piece too: by what they leave of it. */
+static float depth_left(part of_nearest, float coverage) {
+    return of_nearest.share > 0.0f ? of_nearest.depth_m * min_f(1.0f, coverage / of_nearest.share) : 0.0f;
+}
+
+/* All lanes over one plane, heights in the tool frame. */
+static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 n, const float *height_m,
+                      cr_way_layer *out) {
+    for (int i = 0; i < CR_LANES; i++) {
+        const part p = part_below(c, i, n, height_m[i]);
+        const float in = (float)((lanes >> i) & 1u);
+        out->depth_m[i] = in * p.depth_m;
+        out->coverage[i] = in * p.share;
+    }
+    out->lanes |= lanes;
+}
+
+static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch, int i, float depth_m,
+                    float coverage) {
+    cr_way_layer *layer = depth_m > 0.0f ? layer_of(l, surface, side, patch) : NULL;
+    if (layer != NULL) {
+        layer->lanes |= 1u << i;
+        layer->depth_m[i] = depth_m;
+        layer->coverage[i] = coverage;
+    }
+}
+
+/* How much a sample counts for plane k: as its nearest, shared with those that are nearly as near, within half the width of its piece. */
+static float share_of_plane(const float (*height_m)[CR_LANES], uint32_t count, int i, float near_m, uint32_t k) {
+    float total = 0.0f;
+    for (uint32_t j = 0; j < count; j++) {
+        total += max_f(0.0f, height_m[j][i] - near_m);
+    }
+    return max_f(0.0f, height_m[k][i] - near_m) / total;
+}
+
+/* A lane over planes that meet convexly. */
+static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, const cr_planes *p,
+                                 const cr_heights *h, cr_way_layers *out) {
+    float height_m[CR_KIND_FACETS_MAX];
+    const float top_m = h->top_m[i];
+    uint32_t top = 0u;
+    for (uint32_t k = 0; k < p->count; k++) {
+        height_m[k] = h->height_m[k][i];
+        top = height_m[k] > height_m[top] ? k : top;
+    }
+    const float coverage = cr_cover_by_planes(p, c, i, height_m, top_m, cr_planes_distance(p, height_m, top_m));
+    const float depth = depth_left(part_below(c, i, p->normal_tool[top], top_m), coverage);
+    for (uint32_t k = 0; k < p->count; k++) {
+        const float share = share_of_plane(h->height_m, p->count, i, top_m - c->ramp[i], k);
+        lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * share, coverage * share);
+    }
+}
+
+/* Samples behind walls that meet concavely: inside of each by its own height. Their planes are turned inside out. */
+static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
+                              const cr_heights *h, cr_way_layers *out) {
+    float height_m[CR_LANES];
+    for (uint32_t k = 0; k < p->count; k++) {
+        cr_way_layer *wall = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
+        if (wall != NULL) {
+            for (int i = 0; i < CR_LANES; i++) {
+                height_m[i] = -h->height_m[k][i];
+            }
+            fill_flat(c, lanes, v3_scale(p->normal_tool[k], -1.0f), height_m, wall);
+        }
+    }
+}
+
+void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
+                        const cr_heights *h, cr_way_layers *out) {
+    if (p->sign < 0.0f) {
+        fill_behind_walls(s, c, lanes, p, h, out);
+        return;
+    }
+    if (p->count == 1u) {
+        cr_way_layer *floor = layer_of(out, p->facet[0], 0u, s->facets[p->facet[0]].patch);
+        if (floor != NULL) {
+            fill_flat(c, lanes, p->normal_tool[0], h->height_m[0], floor);
+        }
+        return;
+    }
+    while (lanes != 0u) {
+        fill_lane_over_solid(s, c, take_lane(&lanes), p, h, out);
+    }
+}
+
+/* In a cell of many facets: those whose plane passes nearest and faces the way the distance grows. */
+static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_vec3 g, float phi_m, cr_vec3 p,
+                         cr_way_facets *out) {
+    float best = 3.4e38f, total = 0.0f;
+    out->count = kind->count;
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *plane = &s->facets[kind->facet[k]];
+        const cr_vec3 n = v3_from(plane->normal);
+        out->facet[k] = kind->facet[k];
+        out->share[k] = abs_f(v3_dot(n, p) - plane->offset_m - phi_m) + (1.0f - v3_dot(n, g)) * s->meta->voxel_m;
+        best = min_f(best, out->share[k]);
+    }
+    for (uint32_t k = 0; k < kind->count; k++) {
+        out->share[k] = max_f(0.0f, 1.0f - (out->share[k] - best) / (EXPLAINS * s->meta->voxel_m));
+        total += out->share[k];
+    }
+    for (uint32_t k = 0; k < kind->count; k++) {
+        out->share[k] /= total;
+    }
+}
+
+void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p, cr_way_facets *out) {
+    const cr_scene *s = f->scene;
+    out->count = out->apart = 0u;
+    if ((at->entry[lane] & CR_TOP_FAR) != 0u) {
+        return;
+    }
+    const int over_planes = (int)((at->from_facet >> lane) & 1u);
+    const struct cr_img_kind *kind = &s->kinds[over_planes ? at->kind[lane] : cr_field_kind(f, at, lane)];
+    if (over_planes && kind->kind == CR_KIND_CONVEX) {
+        out->facet[0] = at->facet[lane];
+        out->share[0] = 1.0f;
+        out->count = 1u;
+        return;
+    }
+    out->apart = (uint32_t)(over_planes && kind->kind == CR_KIND_CONCAVE);
+    weigh_facets(s, kind, v3(at->gx[lane], at->gy[lane], at->gz[lane]), at->phi_m[lane], p, out);
+}
+
+/* A lane inside of a curved surface: to the sides by its normal. */
+static void fill_sides(cr_way_layers *out, uint32_t surface, uint32_t patch, int i, cr_vec3 g_world, float depth_m,
+                       float coverage) {
+    for (uint32_t side = 0u; side < CR_WAY_SIDES; side++) {
+        const float share = cr_way_share(g_world, side);
+        if (share > 0.0f) {
+            lane_to(out, surface, side, patch, i, depth_m * share, coverage * share);
+        }
+    }
+}
+
+/* A looked-up lane: its facets are known, or only the direction of the distance, or nothing. */
+static void fill_looked_up(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, int i,
+                           const cr_way_facets *on, cr_vec3 g_world, cr_vec3 p_world, part in, float coverage,
+                           cr_way_layers *out) {
+    const cr_scene *s = f->scene;
+    const float depth = depth_left(in, coverage);
+    if (on->count == 0u && v3_dot(g_world, g_world) > 0.5f) {
+        fill_sides(out, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth, coverage);
+    } else if (on->count == 0u) {
+        lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth, coverage);
+    }
+    for (uint32_t k = 0; k < on->count; k++) {
+        const struct cr_img_facet *facet = &s->facets[on->facet[k]];
+        if (facet->curved) {
+            fill_sides(out, CR_WAY_CURVED | facet->patch, facet->patch, i, g_world, depth * on->share[k],
+                       coverage * on->share[k]);
+        } else if (on->apart) {
+            const cr_vec3 n = v3_from(facet->normal);
+            const part wall = part_below(c, i, xform_unrotate(pose, n), v3_dot(n, p_world) - facet->offset_m);
+            lane_to(out, on->facet[k], 0u, facet->patch, i, wall.depth_m, wall.share);
+        } else {
+            lane_to(out, on->facet[k], 0u, facet->patch, i, depth * on->share[k], coverage * on->share[k]);
+        }
+    }
+}
+
+uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
+    uint32_t common = CR_WAY_NONE, last = CR_TOP_FAR;
+    if ((lanes & at->from_facet) != 0u) {
+        return CR_WAY_NONE;
+    }
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        const uint32_t entry = at->entry[i];
+        if (entry == last) {
+            continue;
+        }
+        if ((entry & CR_TOP_FAR) != 0u) {
+            return CR_WAY_NONE;
+        }
+        const struct cr_img_kind *kind = &f->scene->kinds[cr_field_kind(f, at, i)];
+        const struct cr_img_facet *facet = &f->scene->facets[kind->facet[0]];
+        const uint32_t surface = facet->curved ? CR_WAY_CURVED | facet->patch : kind->facet[0];
+        if (kind->count != 1u || (common != CR_WAY_NONE && surface != common)) {
+            return CR_WAY_NONE;
+        }
+        common = surface;
+        last = f->scene->bricks[entry].cells == CR_CELLS_NONE ? entry : last;
+    }
+    return common;
+}
+
+/* All lanes over one curved surface. */
+static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface, const cr_lookup *at,
+                        const cr_lanes3 *g, cr_way_layers *out) {
+    float depth[CR_LANES], coverage[CR_LANES], along[3][CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        const cr_vec3 n = v3(g->x[i], g->y[i], g->z[i]);
+        const part p = part_below(c, i, n, at->phi_m[i]);
+        const float in = (float)((lanes >> i) & 1u);
+        const float length2 = at->gx[i] * at->gx[i] + at->gy[i] * at->gy[i] + at->gz[i] * at->gz[i];
+        const float per = length2 > 1e-6f ? 1.0f / length2 : 0.0f;
+        depth[i] = out->full_m[i] = in * p.depth_m;
+        coverage[i] = in * p.share;
+        along[0][i] = at->gx[i] * abs_f(at->gx[i]) * per;
+        along[1][i] = at->gy[i] * abs_f(at->gy[i]) * per;
+        along[2][i] = at->gz[i] * abs_f(at->gz[i]) * per;
+    }
+    for (uint32_t side = 0; side < CR_WAY_SIDES; side++) {
+        const float sign = (side & 1u) != 0u ? -1.0f : 1.0f;
+        const float *share = along[side >> 1];
+        uint32_t on = 0u;
+        for (int i = 0; i < CR_LANES; i++) {
+            on |= (uint32_t)(sign * share[i] * depth[i] > 0.0f) << i;
+        }
+        cr_way_layer *layer = on != 0u ? layer_of(out, surface, side, surface & ~CR_WAY_CURVED) : NULL;
+        if (layer != NULL) {
+            for (int i = 0; i < CR_LANES; i++) {
+                const float part_of = higher_f(0.0f, sign * share[i]);
+                layer->depth_m[i] = depth[i] * part_of;
+                layer->coverage[i] = coverage[i] * part_of;
+            }
+            layer->lanes = on;
+        }
+    }
+}
+
+static void fill_common(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                        uint32_t surface, const cr_lookup *at, const cr_lanes3 *g, cr_way_layers *out) {
+    if ((surface & CR_WAY_CURVED) != 0u) {
+        fill_curved(c, lanes, surface, at, g, out);
+        return;
+    }
+    const struct cr_img_facet *facet = &f->scene->facets[surface];
+    const cr_vec3 n = xform_unrotate(pose, v3_from(facet->normal));
+    const float offset = v3_dot(v3_from(facet->normal), pose->t) - facet->offset_m;
+    float height_m[CR_LANES];
+    for (int i = 0; i < CR_LANES; i++) {
+        height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
+    }
+    cr_way_layer *floor = layer_of(out, surface, 0u, facet->patch);
+    if (floor != NULL) {
+        fill_flat(c, lanes, n, height_m, floor);
+    }
+}
+
+void cr_way_normals(const xform *pose, const cr_lookup *at, cr_lanes3 *g) {
+    const xform m = *pose;
+    for (int i = 0; i < CR_LANES; i++) {
+        const float x = at->gx[i], y = at->gy[i], z = at->gz[i], length2 = x * x + y * y + z * z;
+        const float per = length2 > 1e-6f ? 1.0f / sqrtf(length2) : 0.0f;
+        g->x[i] = (m.r0.x * x + m.r1.x * y + m.r2.x * z) * per;
+        g->y[i] = (m.r0.y * x + m.r1.y * y + m.r2.y * z) * per;
+        g->z[i] = (m.r0.z * x + m.r1.z * y + m.r2.z * z) * per;
+    }
+}
+
+void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                        const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
+    const uint32_t surface = cr_way_common(f, at, lanes);
+    float coverage[CR_LANES];
+    cr_way_normals(pose, at, &out->normal);
+    if (surface != CR_WAY_NONE) {
+        fill_common(f, pose, c, lanes, surface, at, &out->normal, out);
+        return;
+    }
+    cr_cover(f->scene, pose, CR_COVERAGE_SOFT, c, at, coverage);
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        const cr_vec3 n = v3(out->normal.x[i], out->normal.y[i], out->normal.z[i]);
+        const cr_vec3 p = v3(world->x[i], world->y[i], world->z[i]);
+        const part in = part_below(c, i, n, at->phi_m[i]);
+        cr_way_facets on;
+        out->full_m[i] = in.depth_m;
+        cr_way_facets_of(f, at, i, p, &on);
+        fill_looked_up(f, pose, c, i, &on, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), p,
+                       in, coverage[i], out);
+    }
+}
