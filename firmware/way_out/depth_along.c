@@ -17,6 +17,8 @@
 #define SIDE_FULL 0.25f
 
 #define NEVER_M 3.0e38f
+/* Room for rounding in a bound. */
+#define SLACK 1.0001f
 
 /* What is measured. */
 typedef struct {
@@ -130,14 +132,10 @@ typedef struct {
     uint32_t plain;
 } ways;
 
-/* How far the height above a plane varies from the middle of each piece to its end. */
 static void find_reach(const struct cr_img_cluster *c, const rows *e, uint32_t k, const cr_lanes3 *normal,
                        float *reach_m) {
     for (int i = 0; i < CR_LANES; i++) {
-        const cr_vec3 n = e->curved[k] ? lane_of(normal, i) : e->normal[k];
-        const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
-        const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-        reach_m[i] = 0.5f * CR_WAY_REACH * sqrtf(higher_f(0.0f, width2)) + c->reach[i];
+        reach_m[i] = cr_way_half_width(c, i, e->curved[k] ? lane_of(normal, i) : e->normal[k]);
     }
 }
 
@@ -433,15 +431,47 @@ static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, c
     }
 }
 
-void cr_way_measure(const cr_respond_input *in, const cr_way_zones *zones, const cr_way_relations *relations,
+/* Half-spaces that the samples of a hit may count for. */
+static uint32_t halves_of(const survey *s, const cr_way_reach *reach) {
+    const cr_way_relations *r = s->relations;
+    uint32_t halves = 0u;
+    for (uint32_t left = reach->zones; left != 0u;) {
+        const uint32_t z = (uint32_t)take_lane(&left);
+        halves |= 1u << r->half_of[z];
+        for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
+            halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
+        }
+    }
+    return halves;
+}
+
+/* May a hit be deeper than what is known? It is no deeper than its bound below a plane that it is inside of; the way through that is longer by the cosine. */
+static int may_be_deeper(const survey *s, const cr_way_reach *reach) {
+    for (uint32_t left = halves_of(s, reach); left != 0u;) {
+        const cr_way_half *half = &s->half[take_lane(&left)];
+        const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
+        if (!(leaves > STEEP_MIN && reach->bound_m * SLACK <= leaves * half->depth_m)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+void cr_way_measure(const cr_respond_input *in, cr_way_zones *zones, const cr_way_relations *relations,
                     cr_way_half *half) {
     const survey s = {in, zones, relations, half};
     cr_planes planes = {0}, cell = {0};
     /* Where the zones are deepest first: most others are then known not to be deeper. */
     for (uint32_t z = 0; z < zones->count; z++) {
-        measure_hit(&s, &in->set->hits[zones->zones[z].deep_hit], &planes, &cell);
+        const uint32_t hit = zones->zones[z].deep_hit;
+        if (!zones->reach[hit].measured) {
+            zones->reach[hit].measured = 1u;
+            measure_hit(&s, &in->set->hits[hit], &planes, &cell);
+        }
     }
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
-        measure_hit(&s, &in->set->hits[h], &planes, &cell);
+        if (!zones->reach[h].measured && may_be_deeper(&s, &zones->reach[h])) {
+            measure_hit(&s, &in->set->hits[h], &planes, &cell);
+        }
     }
 }

@@ -56,45 +56,68 @@ static cr_vec3 sum_moments(const struct cr_img_cluster *c, const float *depth_m)
     return sum_vectors(depth_m, x, y, z);
 }
 
-static void add_sums(const struct cr_img_cluster *c, const float *depth_m, const float *coverage,
-                     const cr_way_layers *l, uint32_t hit, cr_way_zone *z) {
-    float weight[CR_LANES], high[CR_LANES], deep = 0.0f;
+/* What the lanes of a cluster add to a zone. */
+static cr_way_zone sum_lanes(const struct cr_img_cluster *c, const float *depth_m, const float *coverage,
+                             const cr_way_layers *l, int flat) {
+    static const cr_way_zone none = {0};
+    cr_way_zone z = none;
+    float weight[CR_LANES], high[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
         weight[i] = depth_m[i] * c->area[i];
         high[i] = weight[i] * l->full_m[i];
-        deep = higher_f(deep, depth_m[i]);
+        z.deep_m = higher_f(z.deep_m, depth_m[i]);
     }
-    if (deep > z->deep_m) {
-        z->deep_m = deep;
+    z.area_m2 = cr_sum_products(coverage, c->area);
+    z.weight_m3 = cr_sum_products(depth_m, c->area);
+    z.push_m3 = v3_scale(sum_vectors(depth_m, c->ax, c->ay, c->az), -1.0f);
+    z.turn_m4 = v3_scale(sum_moments(c, depth_m), -1.0f);
+    z.centre_m4 = sum_vectors(weight, c->x, c->y, c->z);
+    if (!flat) {
+        z.normal_m3 = sum_vectors(weight, l->normal.x, l->normal.y, l->normal.z);
+        z.above_m4 = sum_vectors(high, l->normal.x, l->normal.y, l->normal.z);
+    }
+    return z;
+}
+
+static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32_t hit) {
+    if (part * more->deep_m > z->deep_m) {
+        z->deep_m = part * more->deep_m;
         z->deep_hit = hit;
     }
-    z->area_m2 += cr_sum_products(coverage, c->area);
-    z->weight_m3 += cr_sum_products(depth_m, c->area);
-    z->push_m3 = v3_sub(z->push_m3, sum_vectors(depth_m, c->ax, c->ay, c->az));
-    z->turn_m4 = v3_sub(z->turn_m4, sum_moments(c, depth_m));
-    z->centre_m4 = v3_add(z->centre_m4, sum_vectors(weight, c->x, c->y, c->z));
-    if (!z->flat) {
-        z->normal_m3 = v3_add(z->normal_m3, sum_vectors(weight, l->normal.x, l->normal.y, l->normal.z));
-        z->above_m4 = v3_add(z->above_m4, sum_vectors(high, l->normal.x, l->normal.y, l->normal.z));
-    }
+    z->area_m2 += part * more->area_m2;
+    z->weight_m3 += part * more->weight_m3;
+    z->push_m3 = v3_mad(z->push_m3, more->push_m3, part);
+    z->turn_m4 = v3_mad(z->turn_m4, more->turn_m4, part);
+    z->centre_m4 = v3_mad(z->centre_m4, more->centre_m4, part);
+    z->normal_m3 = v3_mad(z->normal_m3, more->normal_m3, part);
+    z->above_m4 = v3_mad(z->above_m4, more->above_m4, part);
 }
 
 /* The lanes of a layer that belong to one piece of the tool. */
 static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot,
                       const cr_way_layers *l, uint32_t k, uint32_t hit, cr_way_zones *zones) {
     const cr_way_layer *layer = &l->layers[k];
-    const cr_way_key key = {layer->surface, layer->side, c->piece[slot]};
     const uint32_t lanes = layer->lanes & c->piece_lanes[slot];
-    float depth[CR_LANES], coverage[CR_LANES], most = 0.0f;
+    float depth[CR_LANES], coverage[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
         const float in = (float)((lanes >> i) & 1u);
         depth[i] = in * layer->depth_m[i];
         coverage[i] = in * layer->coverage[i];
-        most = higher_f(most, depth[i] * c->area[i]);
     }
-    cr_way_zone *z = most > 0.0f ? zone_at(s, pose, zones, key, layer->patch) : NULL;
-    if (z != NULL) {
-        add_sums(c, depth, coverage, l, hit, z);
+    const cr_way_zone sums = sum_lanes(c, depth, coverage, l, layer->surface < CR_WAY_CURVED);
+    const int sided = layer->side == CR_WAY_SIDES;
+    const cr_vec3 mean = sided ? xform_rotate(pose, sums.normal_m3) : v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
+        const float part = sided ? cr_way_share(mean, side) : 1.0f;
+        const cr_way_key key = {layer->surface, side, c->piece[slot]};
+        cr_way_zone *z = part * sums.weight_m3 > 0.0f ? zone_at(s, pose, zones, key, layer->patch) : NULL;
+        if (z != NULL) {
+            add_part(z, &sums, part, hit);
+            zones->reach[hit].zones |= 1u << (uint32_t)(z - zones->zones);
+        }
+        if (!sided) {
+            break;
+        }
     }
 }
 
@@ -126,6 +149,7 @@ static void find_layers(const cr_respond_input *in, const cr_hit *hit, cr_planes
     cr_lanes3 world;
     cr_lookup at;
     out->count = 0u;
+    out->reach = (cr_way_reach){0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
     if (cr_way_planes(in, hit, planes, &world, &at)) {
         cr_planes one;
         cr_heights heights;
@@ -145,6 +169,7 @@ void cr_way_gather(const cr_respond_input *in, cr_way_zones *zones) {
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
         const struct cr_img_cluster *c = &s->clusters[in->set->hits[h].cluster];
         find_layers(in, &in->set->hits[h], &planes, &layers);
+        zones->reach[h] = layers.reach;
         for (uint32_t k = 0; k < layers.count; k++) {
             for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
                 add_layer(s, in->world_from_tool, c, slot, &layers, k, h, zones);

@@ -12,6 +12,9 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
     return along > 0.0f && length2 > 0.0f ? along * along / length2 : 0.0f;
 }
 
+/* A spread of normals of which nothing follows. */
+#define APART 3.0f
+
 /* The layer of a surface, made when missing; with the last one full, that. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
     for (uint32_t k = 0; k < l->count; k++) {
@@ -34,22 +37,28 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
     return made;
 }
 
-/* Part of a piece that is inside, and the mean depth of all of it, what is outside counting as zero. */
+/* Part of a piece that is inside, the mean depth of all of it, what is outside counting as zero, and how deep it is at most. */
 typedef struct {
-    float share, depth_m;
+    float share, depth_m, deepest_m;
 } part;
 
-static float clamp_width(float width2, float most) {
-    return clamp_f(sqrtf(higher_f(0.0f, width2)), WIDTH_MIN * most, most);
+static float width_over(const struct cr_img_cluster *c, int i, cr_vec3 n) {
+    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+    return sqrtf(higher_f(0.0f, width2));
+}
+
+float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
+    return 0.5f * CR_WAY_REACH * width_over(c, i, n) + c->reach[i];
 }
 
 /* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
 static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
-    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
-    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-    const float width = clamp_width(width2, 2.0f * c->ramp[i]);
-    part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f};
+    const float across = width_over(c, i, n), most = 2.0f * c->ramp[i];
+    const float width = clamp_f(across, WIDTH_MIN * most, most);
+    part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, 0.0f};
     p.depth_m = p.share < 1.0f ? 0.5f * width * p.share * p.share : -height_m;
+    p.deepest_m = 0.5f * CR_WAY_REACH * across + c->reach[i] - height_m;
     return p;
 }
 
@@ -58,16 +67,29 @@ static float depth_left(part of_nearest, float coverage) {
     return of_nearest.share > 0.0f ? of_nearest.depth_m * min_f(1.0f, coverage / of_nearest.share) : 0.0f;
 }
 
+/* A piece that is so deep below a plane widens what is known of the hit. */
+static void reach_to(cr_way_reach *r, cr_vec3 n, float deep_m) {
+    if (!(r->bound_m >= 0.0f)) {
+        r->toward = n;
+        r->bound_m = r->spread = 0.0f;
+    }
+    r->bound_m = max_f(r->bound_m, deep_m);
+    r->spread = max_f(r->spread, v3_norm(v3_sub(n, r->toward)));
+}
+
 /* All lanes over one plane, heights in the tool frame. */
 static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 n, const float *height_m,
-                      cr_way_layer *out) {
+                      cr_way_reach *reach, cr_way_layer *out) {
+    float deep = 0.0f;
     for (int i = 0; i < CR_LANES; i++) {
         const part p = part_below(c, i, n, height_m[i]);
         const float in = (float)((lanes >> i) & 1u);
         out->depth_m[i] = in * p.depth_m;
         out->coverage[i] = in * p.share;
+        deep = higher_f(deep, p.deepest_m);
     }
     out->lanes |= lanes;
+    reach_to(reach, n, deep);
 }
 
 static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch, int i, float depth_m,
@@ -117,7 +139,7 @@ static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c,
             for (int i = 0; i < CR_LANES; i++) {
                 height_m[i] = -h->height_m[k][i];
             }
-            fill_flat(c, lanes, v3_scale(p->normal_tool[k], -1.0f), height_m, wall);
+            fill_flat(c, lanes, v3_scale(p->normal_tool[k], -1.0f), height_m, &out->reach, wall);
         }
     }
 }
@@ -131,10 +153,11 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     if (p->count == 1u) {
         cr_way_layer *floor = layer_of(out, p->facet[0], 0u, s->facets[p->facet[0]].patch);
         if (floor != NULL) {
-            fill_flat(c, lanes, p->normal_tool[0], h->height_m[0], floor);
+            fill_flat(c, lanes, p->normal_tool[0], h->height_m[0], &out->reach, floor);
         }
         return;
     }
+    out->reach.spread = APART; /* measured without a lookup: not worth knowing */
     while (lanes != 0u) {
         fill_lane_over_solid(s, c, take_lane(&lanes), p, h, out);
     }
@@ -242,39 +265,27 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
     return common;
 }
 
-/* All lanes over one curved surface. */
+/* All lanes over one curved surface: as one, to the sides by the mean of their normals. */
 static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface, const cr_lookup *at,
                         const cr_lanes3 *g, cr_way_layers *out) {
-    float depth[CR_LANES], coverage[CR_LANES], along[3][CR_LANES];
+    cr_way_layer *layer = layer_of(out, surface, CR_WAY_SIDES, surface & ~CR_WAY_CURVED);
+    float deep = 0.0f, apart2 = 0.0f;
+    if (layer == NULL) {
+        return;
+    }
     for (int i = 0; i < CR_LANES; i++) {
         const cr_vec3 n = v3(g->x[i], g->y[i], g->z[i]);
         const part p = part_below(c, i, n, at->phi_m[i]);
         const float in = (float)((lanes >> i) & 1u);
-        const float length2 = at->gx[i] * at->gx[i] + at->gy[i] * at->gy[i] + at->gz[i] * at->gz[i];
-        const float per = length2 > 1e-6f ? 1.0f / length2 : 0.0f;
-        depth[i] = out->full_m[i] = in * p.depth_m;
-        coverage[i] = in * p.share;
-        along[0][i] = at->gx[i] * abs_f(at->gx[i]) * per;
-        along[1][i] = at->gy[i] * abs_f(at->gy[i]) * per;
-        along[2][i] = at->gz[i] * abs_f(at->gz[i]) * per;
+        const float x = n.x - g->x[0], y = n.y - g->y[0], z = n.z - g->z[0];
+        layer->depth_m[i] = out->full_m[i] = in * p.depth_m;
+        layer->coverage[i] = in * p.share;
+        deep = higher_f(deep, p.deepest_m);
+        apart2 = higher_f(apart2, x * x + y * y + z * z);
     }
-    for (uint32_t side = 0; side < CR_WAY_SIDES; side++) {
-        const float sign = (side & 1u) != 0u ? -1.0f : 1.0f;
-        const float *share = along[side >> 1];
-        uint32_t on = 0u;
-        for (int i = 0; i < CR_LANES; i++) {
-            on |= (uint32_t)(sign * share[i] * depth[i] > 0.0f) << i;
-        }
-        cr_way_layer *layer = on != 0u ? layer_of(out, surface, side, surface & ~CR_WAY_CURVED) : NULL;
-        if (layer != NULL) {
-            for (int i = 0; i < CR_LANES; i++) {
-                const float part_of = higher_f(0.0f, sign * share[i]);
-                layer->depth_m[i] = depth[i] * part_of;
-                layer->coverage[i] = coverage[i] * part_of;
-            }
-            layer->lanes = on;
-        }
-    }
+    layer->lanes |= lanes;
+    reach_to(&out->reach, v3(g->x[0], g->y[0], g->z[0]), deep);
+    out->reach.spread = max_f(out->reach.spread, sqrtf(apart2));
 }
 
 static void fill_common(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
@@ -292,7 +303,7 @@ static void fill_common(const cr_field *f, const xform *pose, const struct cr_im
     }
     cr_way_layer *floor = layer_of(out, surface, 0u, facet->patch);
     if (floor != NULL) {
-        fill_flat(c, lanes, n, height_m, floor);
+        fill_flat(c, lanes, n, height_m, &out->reach, floor);
     }
 }
 
@@ -307,6 +318,26 @@ void cr_way_normals(const xform *pose, const cr_lookup *at, cr_lanes3 *g) {
     }
 }
 
+/* What lanes in cells of several facets are deep below: these facets' planes, as far as they are near. */
+static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, const cr_lookup *at,
+                      const cr_lanes3 *world, const cr_lanes3 *normal, cr_way_reach *out) {
+    const cr_scene *s = f->scene;
+    for (int i = 0; i < (int)c->count; i++) {
+        const cr_vec3 n = v3(normal->x[i], normal->y[i], normal->z[i]);
+        reach_to(out, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
+        const int far = (at->entry[i] & CR_TOP_FAR) != 0u, creased = (int)((at->from_facet >> i) & 1u);
+        const struct cr_img_kind *kind = far ? &s->kinds[0] : &s->kinds[creased ? at->kind[i] : cr_field_kind(f, at, i)];
+        for (uint32_t k = 0; k < kind->count; k++) {
+            const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
+            const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
+            const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
+            if (facet->curved == 0u && (creased || height < 0.0f)) {
+                reach_to(out, m_tool, cr_way_half_width(c, i, m_tool) - height);
+            }
+        }
+    }
+}
+
 void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
                         const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
     const uint32_t surface = cr_way_common(f, at, lanes);
@@ -317,6 +348,7 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
         return;
     }
     cr_cover(f->scene, pose, CR_COVERAGE_SOFT, c, at, coverage);
+    reach_all(f, pose, c, at, world, &out->normal, &out->reach);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         const cr_vec3 n = v3(out->normal.x[i], out->normal.y[i], out->normal.z[i]);

@@ -42,9 +42,19 @@ typedef struct {
     float plane_offset_m;
 } cr_way_zone;
 
+/* What one hit is inside of, so that it need not be looked at again where others are deeper. */
+typedef struct {
+    uint32_t zones;  /* bits */
+    float bound_m;   /* no piece of its samples is anywhere deeper than this below a plane that it is inside of */
+    cr_vec3 toward;  /* a normal of those planes, tool frame */
+    float spread;    /* largest |difference| of the others to it */
+    uint32_t measured;
+} cr_way_reach;
+
 typedef struct {
     uint32_t count, dropped;
     cr_way_zone zones[CR_WAY_ZONES_MAX];
+    cr_way_reach reach[CR_CLUSTERS_MAX]; /* of each hit */
 } cr_way_zones;
 
 /* Purpose  the zones of all hits.   Output  *zones; dropped counts samples whose zone did not fit.   Cost  a lookup a hit that has no planes. */
@@ -71,7 +81,8 @@ float cr_way_share(cr_vec3 direction, uint32_t side);
 
 /* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
 typedef struct {
-    uint32_t surface, side, patch;
+    uint32_t surface, patch;
+    uint32_t side; /* CR_WAY_SIDES: of all sides, by the mean of the normals */
     uint32_t lanes;
     float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
 } cr_way_layer;
@@ -81,6 +92,7 @@ typedef struct {
     uint32_t count, dropped;
     cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
     float full_m[CR_LANES]; /* and depths, whatever they count for */
+    cr_way_reach reach;
     cr_way_layer layers[CR_WAY_LAYERS_MAX];
 } cr_way_layers;
 
@@ -95,6 +107,9 @@ void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, con
 /* Purpose  the surface that all lanes are over, where it is one and not at a crease: a facet that is not curved, or CR_WAY_CURVED with the patch.
  * Output   CR_WAY_NONE where there is no such. */
 uint32_t cr_way_common(const cr_field *field, const cr_lookup *at, uint32_t lanes);
+
+/* Purpose  how far the height above a plane varies from the middle of a sample's piece to its end, m.   Shapes  normal: unit. */
+float cr_way_half_width(const struct cr_img_cluster *cluster, int lane, cr_vec3 normal);
 
 /* Purpose  unit gradients in the tool frame, zero where there is none. */
 void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
@@ -139,7 +154,7 @@ typedef struct {
 uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations, cr_way_half *out);
 
 /* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit. */
-void cr_way_measure(const cr_respond_input *in, const cr_way_zones *zones, const cr_way_relations *relations,
+void cr_way_measure(const cr_respond_input *in, cr_way_zones *zones, const cr_way_relations *relations,
                     cr_way_half *half);
 
 #define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
