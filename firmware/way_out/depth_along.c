@@ -140,16 +140,19 @@ static void find_reach(const struct cr_img_cluster *c, const rows *e, uint32_t k
 }
 
 /* Lanes whose way may be longer than what is known, by the plane that they are inside of. */
-static uint32_t find_longer(const spots *at, const rows *e, const float *part, const cr_way_half *half) {
+static uint32_t find_longer(const spots *at, const float *part, const cr_way_half *half) {
     const struct cr_img_cluster *c = at->c;
+    const known *own = &at->planes[0];
+    const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
     uint32_t longer = 0u;
-    float reach[CR_LANES];
-    find_reach(c, e, 0u, at->normal, reach);
     for (int i = 0; i < CR_LANES; i++) {
-        const float leaves = e->leaves[0][i], far = FAR_MAX * half->deep_m + c->ramp[i];
-        const float most = (reach[i] - e->height_m[0][i]) / higher_f(leaves, CR_WAY_LEAVES_MIN);
-        const float way = leaves > CR_WAY_LEAVES_MIN ? lower_f(far, most) : far;
-        longer |= (uint32_t)(part[i] * way > half->depth_m) << i;
+        const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
+        const float leaves = own->curved ? v3_dot(n, half->normal) : flat_leaves;
+        const float most = cr_way_half_width(c, i, n) - own->height_m[i];
+        /* most / leaves or far, without a division */
+        const int by_own = (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most * SLACK <= half->depth_m * leaves);
+        const int by_far = part[i] * (far + c->ramp[i]) <= half->depth_m;
+        longer |= (uint32_t)(!(by_own | by_far)) << i;
     }
     return longer;
 }
@@ -206,11 +209,11 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     ways w;
     float gone[CR_LANES], most = 0.0f;
     uint32_t steep = 0u, left = 0u;
-    find_own(half, at, &e);
-    lanes &= find_longer(at, &e, part, half);
+    lanes &= find_longer(at, part, half);
     if (lanes == 0u) {
         return;
     }
+    find_own(half, at, &e);
     add_bounds(half, at, &e);
     find_ways(at, &e, &w);
     for (int i = 0; i < CR_LANES; i++) {
@@ -368,23 +371,56 @@ static void over_surface(const survey *s, const struct cr_img_cluster *c, uint32
     }
 }
 
-/* One lane in a cell of several facets, or of none. */
-static void over_cell(const survey *s, const struct cr_img_cluster *c, int i, const cr_lookup *look,
-                      const cr_lanes3 *world, const cr_lanes3 *normal) {
+/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each. */
+typedef struct {
+    uint32_t count;
+    uint32_t surface[CR_WAY_LAYERS_MAX], lanes[CR_WAY_LAYERS_MAX];
+    float share[CR_WAY_LAYERS_MAX][CR_LANES];
+} shares;
+
+static void share_lane(shares *out, uint32_t surface, int i, float share) {
+    uint32_t k = 0u;
+    while (k < out->count && out->surface[k] != surface) {
+        k++;
+    }
+    if (k == CR_WAY_LAYERS_MAX || !(share > 0.0f)) {
+        return;
+    }
+    if (k == out->count) {
+        out->count++;
+        out->surface[k] = surface;
+        out->lanes[k] = 0u;
+        for (int j = 0; j < CR_LANES; j++) {
+            out->share[k][j] = 0.0f;
+        }
+    }
+    out->lanes[k] |= 1u << i;
+    out->share[k][i] += share;
+}
+
+/* Lanes in cells whose distances are not from planes. */
+static void over_cells(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
+                       const cr_lanes3 *world, const cr_lanes3 *normal) {
     const cr_field *f = s->in->field;
-    float share[CR_LANES] = {0.0f};
-    cr_way_facets on;
-    cr_way_facets_of(f, look, i, lane_of(world, i), &on);
-    if (on.count == 0u) {
-        share[i] = 1.0f;
-        over_surface(s, c, 1u << i, CR_WAY_DEEP, look, normal, share);
+    shares on;
+    on.count = 0u;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        cr_way_facets its;
+        if ((look->entry[i] & CR_TOP_FAR) != 0u) {
+            continue;
+        }
+        cr_way_facets_of(f, look, i, lane_of(world, i), &its);
+        if (its.count == 0u) {
+            share_lane(&on, CR_WAY_DEEP, i, 1.0f);
+        }
+        for (uint32_t k = 0; k < its.count; k++) {
+            const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
+            share_lane(&on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
+        }
     }
     for (uint32_t k = 0; k < on.count; k++) {
-        const struct cr_img_facet *facet = &f->scene->facets[on.facet[k]];
-        share[i] = on.share[k];
-        if (share[i] > 0.0f) {
-            over_surface(s, c, 1u << i, facet->curved ? CR_WAY_CURVED | facet->patch : on.facet[k], look, normal, share);
-        }
+        over_surface(s, c, on.lanes[k], on.surface[k], look, normal, on.share[k]);
     }
 }
 
@@ -397,17 +433,13 @@ static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t 
         over_surface(s, c, lanes, surface, look, &normal, whole);
         return;
     }
+    over_cells(s, c, lanes & ~look->from_facet, look, world, &normal);
+    lanes &= look->from_facet;
     while (lanes != 0u) {
+        uint32_t same = 0u;
+        const uint32_t rest = lanes;
         const int i = take_lane(&lanes);
-        if ((look->entry[i] & CR_TOP_FAR) != 0u) {
-            continue;
-        }
-        if (((look->from_facet >> i) & 1u) == 0u) {
-            over_cell(s, c, i, look, world, &normal);
-            continue;
-        }
-        uint32_t same = 1u << i;
-        for (uint32_t left = lanes & look->from_facet; left != 0u;) {
+        for (uint32_t left = rest; left != 0u;) {
             const int k = take_lane(&left);
             same |= (uint32_t)(look->kind[k] == look->kind[i]) << k;
         }

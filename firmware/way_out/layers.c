@@ -42,19 +42,9 @@ typedef struct {
     float share, depth_m, deepest_m;
 } part;
 
-static float width_over(const struct cr_img_cluster *c, int i, cr_vec3 n) {
-    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
-    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-    return sqrtf(higher_f(0.0f, width2));
-}
-
-float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
-    return 0.5f * CR_WAY_REACH * width_over(c, i, n) + c->reach[i];
-}
-
 /* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
 static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
-    const float across = width_over(c, i, n), most = 2.0f * c->ramp[i];
+    const float across = cr_way_width(c, i, n), most = 2.0f * c->ramp[i];
     const float width = clamp_f(across, WIDTH_MIN * most, most);
     part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, 0.0f};
     p.depth_m = p.share < 1.0f ? 0.5f * width * p.share * p.share : -height_m;

@@ -9,6 +9,21 @@
 
 #include "contact/stages.h"
 
+/* A piece of face is taken to reach this many half-widths from its middle: pieces overlap, none leaves a gap. */
+#define CR_WAY_REACH 1.4f
+
+/* Width over which the height above a plane varies across a sample's piece, m. The normal has length 1. */
+static inline float cr_way_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
+    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+    return sqrtf(higher_f(0.0f, width2));
+}
+
+/* How far it varies from the middle of the piece to its end, m. */
+static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
+    return 0.5f * CR_WAY_REACH * cr_way_width(c, i, n) + c->reach[i];
+}
+
 /* Zones of a tick: a static facet, or a side of a curved surface, that one piece of the tool is inside of. Bits of a word. */
 #define CR_WAY_ZONES_MAX 24u
 
@@ -108,9 +123,6 @@ void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, con
  * Output   CR_WAY_NONE where there is no such. */
 uint32_t cr_way_common(const cr_field *field, const cr_lookup *at, uint32_t lanes);
 
-/* Purpose  how far the height above a plane varies from the middle of a sample's piece to its end, m.   Shapes  normal: unit. */
-float cr_way_half_width(const struct cr_img_cluster *cluster, int lane, cr_vec3 normal);
-
 /* Purpose  unit gradients in the tool frame, zero where there is none. */
 void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
 
@@ -166,9 +178,6 @@ typedef struct {
     float height_m[CR_WAY_EXITS_MAX];
     float leaves[CR_WAY_EXITS_MAX]; /* normal . way */
 } cr_way_exits;
-
-/* A piece of face is taken to reach this many half-widths from its middle: pieces overlap, none leaves a gap. */
-#define CR_WAY_REACH 1.4f
 
 /* A plane that the way leaves less steeply than this is not left through. */
 #define CR_WAY_LEAVES_MIN 1e-3f
