@@ -373,15 +373,16 @@ static void fill_cluster(const crt_tool *t, uint32_t index, struct cr_img_cluste
     uint32_t first = t->start[index], count = t->start[index + 1u] - first;
     double mean[3] = {0.0}, normal[3] = {0.0};
     float one[CR_LANES];
-    c->count = count;
+    c->count = (uint16_t)count;
     c->piece[0] = 0u;
     c->piece[1] = CR_PIECE_NONE;
+    c->piece_lanes[0] = (uint16_t)((1u << count) - 1u);
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const crt_sample *s = &t->samples[first + (i < count ? i : 0u)];
         fill_lane(t, c, (int)i, s, i < count);
         one[i] = 1.0f;
-        c->vertex_mask |= i < count && s->vertex ? 1u << i : 0u;
-        c->crease_mask |= i < count && s->crease ? 1u << i : 0u;
+        c->vertex_mask |= (uint16_t)(i < count && s->vertex ? 1u << i : 0u);
+        c->crease_mask |= (uint16_t)(i < count && s->crease ? 1u << i : 0u);
         for (int a = 0; a < 3 && i < count; a++) {
             mean[a] += s->pos_m[a] / count;
             normal[a] += s->area_m2 * s->normal[a];
