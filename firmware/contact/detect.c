@@ -210,6 +210,10 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     hit->whole = 1u;
     hit->sum = w->scene->sums[cluster];
     w->set->contacts += w->scene->clusters[cluster].count;
+    if (w->options->way) {
+        cr_way_add_whole(w->field, w->pose, w->set, w->set->hit_count - 1u);
+        return;
+    }
     if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
         touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
@@ -392,10 +396,33 @@ static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
     }
 }
 
+/* The hit of a cluster with covered lanes, for the way out: in one, and what it is inside of. */
+static void take_cluster(walk *w, const looked *l) {
+    cr_hit *hit = add_hit(w, l->cluster);
+    if (hit == NULL) {
+        return;
+    }
+    hit->covered = (uint16_t)l->covered;
+    hit->inside = (uint16_t)l->inside;
+    hit->near = (uint16_t)l->near;
+    hit->whole = 0u;
+    w->set->contacts += count_lanes(l->inside);
+    if (l->planes != NULL) {
+        hit->planes = (uint16_t)l->planes->kind;
+        cr_way_add_over_planes(w->field, w->pose, w->set, w->set->hit_count - 1u, l->planes, l->heights);
+    } else {
+        cr_way_add_over_lookup(w->field, w->pose, w->set, w->set->hit_count - 1u, l->at, l->world);
+    }
+}
+
 /* The hits of a cluster with covered lanes. */
 static void take_points(walk *w, const looked *l, const batch *b, int lane) {
     if (l->full == (1u << l->c->count) - 1u) {
         take_whole(w, l->cluster, b, lane);
+        return;
+    }
+    if (w->options->way) {
+        take_cluster(w, l);
         return;
     }
     for (uint32_t left = l->covered; left != 0u;) {
@@ -463,7 +490,9 @@ static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
     cr_heights h;
     cr_planes one;
     float coverage[CR_LANES];
-    const cr_planes *p = cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
+    /* Behind walls that meet concavely the way out asks for each, however deep. */
+    const int each = w->options->way && w->planes->sign < 0.0f;
+    const cr_planes *p = each ? w->planes : cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
     looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
@@ -689,6 +718,9 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         set->hit_count = 0u;
         set->touch_count = 0u;
         set->contacts = 0u;
+        if (options->way) {
+            set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
+        }
         if (tool_is_free(&w)) {
             return 1;
         }

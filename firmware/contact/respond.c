@@ -302,7 +302,7 @@ uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_are
                     cr_stats *stats) {
     uint32_t made = 0u;
 #ifdef CR_RIVALS
-    if (in->config->response > CR_RESPONSE_FIXED45) {
+    if (in->config->response > CR_RESPONSE_WAY_OUT) {
         return cr_respond_as_rival(in, areas, out, out_max);
     }
 #endif

@@ -129,12 +129,91 @@ typedef struct {
     cr_vec3 tool_sum_m2;   /* covered area vectors of the tool there, tool frame */
 } cr_touch;
 
+/* Zones of a tick: a static facet, or a side of a curved surface, that one piece of the tool is inside of. Bits of a word. */
+#define CR_WAY_ZONES_MAX 24u
+
+/* Sides of a curved surface: the directions of the axes. A sample counts for those that its normal has a part of. */
+#define CR_WAY_SIDES 6u
+
+/* Key of a zone. */
+typedef struct {
+    uint32_t surface; /* facet; CR_WAY_CURVED with a patch; CR_WAY_DEEP or CR_WAY_NONE */
+    uint32_t side;    /* below CR_WAY_SIDES; 0 on a facet */
+    uint32_t piece;   /* of the tool */
+} cr_way_key;
+#define CR_WAY_CURVED 0x80000000u
+#define CR_WAY_DEEP 0xfffffffeu /* far from any facet: only the direction of the distance is known */
+#define CR_WAY_NONE 0xffffffffu /* not even that */
+
+/* What a piece of the tool is inside of. */
+typedef struct {
+    cr_way_key key;
+    uint32_t patch;
+    float weight_m3; /* sum of depth times area */
+    float area_m2;   /* covered */
+    float deep_m;    /* of the deepest sample, */
+    uint32_t deep_hit; /* in this hit */
+    cr_vec3 push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
+    cr_vec3 turn_m4; /* moment of that about the tool origin */
+    cr_vec3 centre_m4;             /* weight times sample */
+    cr_vec3 normal_m3, above_m4;   /* curved: weight times static normal, and that times depth */
+    uint32_t flat;                 /* 1: a plane, height = normal . p + offset */
+    cr_vec3 plane_normal;
+    float plane_offset_m;
+} cr_way_zone;
+
+/* What one hit is inside of, so that it need not be looked at again where others are deeper. */
+typedef struct {
+    uint32_t zones;  /* bits */
+    float bound_m;   /* no piece of its samples is anywhere deeper than this below a plane that it is inside of */
+    cr_vec3 toward;  /* a normal of those planes, tool frame */
+    float spread;    /* largest |difference| of the others to it */
+} cr_way_reach;
+
+/* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
+typedef struct {
+    uint32_t surface, patch;
+    uint32_t side; /* CR_WAY_SIDES: of all sides, by the mean of the normals */
+    uint32_t lanes;
+    float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
+} cr_way_layer;
+#define CR_WAY_LAYERS_MAX 12u
+
+typedef struct {
+    uint32_t count, dropped;
+    cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
+    float full_m[CR_LANES]; /* and depths, whatever they count for */
+    cr_way_reach reach;
+    cr_way_layer layers[CR_WAY_LAYERS_MAX];
+} cr_way_layers;
+
+typedef struct {
+    uint32_t count, dropped;
+    cr_way_zone zones[CR_WAY_ZONES_MAX];
+    cr_way_reach reach[CR_CLUSTERS_MAX]; /* of each hit */
+    cr_way_layers layers;                /* of the cluster in hand */
+} cr_way_zones;
+
+/* What detect found: hits, and by what the response asks for, the surfaces they touch or the zones they are inside of. */
 typedef struct {
     uint32_t hit_count, touch_count;
     uint32_t contacts; /* points inside the static object */
     cr_hit hits[CR_CLUSTERS_MAX];
-    cr_touch touches[CR_TOUCHES_MAX];
+    union {
+        cr_touch touches[CR_TOUCHES_MAX];
+        cr_way_zones way;
+    };
 } cr_contact_set;
+
+/* Purpose  add to the zones what a hit is inside of, by planes or by what was looked up at its points.
+ * Shapes   hit: index of the hit; planes and heights, or at and world, of its cluster.   Source  way_out.md "Zones". */
+void cr_way_add_over_planes(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
+                            const cr_planes *planes, const cr_heights *heights);
+void cr_way_add_over_lookup(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
+                            const cr_lookup *at, const cr_lanes3 *world);
+
+/* Purpose  the same for a hit that is inside as a whole, its points not looked at yet.   Cost  a lookup where no planes are known. */
+void cr_way_add_whole(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit);
 
 /* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
  * Shapes   at: what was looked up at the cluster's points.   Output  coverage[CR_LANES], 0..1.
@@ -166,6 +245,7 @@ typedef struct {
     uint32_t skip;        /* CR_SKIP_* */
     uint32_t coverage;    /* cr_coverage */
     uint32_t lookups_max; /* of 16 points in one call */
+    uint32_t way;         /* 1: the zones of way_out; 0: touches, for the other responses */
 } cr_detect_options;
 
 /* A group of the tree on the way down, and which of its children are still to be seen. */

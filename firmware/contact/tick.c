@@ -1,5 +1,6 @@
 /* tick: pose in, wrench out. The only file that knows all stages; reads as the list of them. */
 #include "contact/stages.h"
+#include "contact/way_out.h"
 
 #include <string.h>
 
@@ -36,7 +37,10 @@ struct cr_world {
     cr_proxy proxy;
 #endif
     cr_contact_set set;
-    cr_area_set areas;
+    union { /* by response */
+        cr_area_set areas;
+        cr_way_work way;
+    };
 };
 
 cr_config cr_config_default(void) {
@@ -240,13 +244,12 @@ static void answer_found(cr_world *w, const xform *at, cr_output *out) {
     w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
     in.proxy = &w->proxy;
 #endif
-#ifdef CR_RIVALS
     if (w->config.response == CR_RESPONSE_WAY_OUT) {
-        w->areas.count = 0u;
-    } else
-#endif
-    cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
-    out->area_count = cr_respond(&in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
+        out->area_count = cr_way_answer(&in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
+    } else {
+        cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
+        out->area_count = cr_respond(&in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
+    }
     for (uint32_t i = 0; i < out->area_count; i++) {
         const cr_area *a = &out->areas[i];
         w->held[i] = (held_area){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
@@ -297,7 +300,8 @@ static int search_on(cr_world *w, const xform *at, cr_stats *stats) {
         w->found = 0u;
         return 1;
     }
-    const cr_detect_options options = {w->config.skip, w->config.coverage, w->config.lookups_max};
+    const cr_detect_options options = {w->config.skip, w->config.coverage, w->config.lookups_max,
+                                       w->config.response == CR_RESPONSE_WAY_OUT};
     const int ended = cr_detect(&w->field, at, &options, &w->motion, &w->search, &w->set, stats);
     w->found = ended && w->search.calls > 1u;
     return ended && !w->found;

@@ -1,6 +1,5 @@
 /* table: which function answers for which response. */
 #include "rivals/rivals.h"
-#include "way_out/way_out.h"
 
 typedef uint32_t (*answer_fn)(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room);
 
@@ -12,7 +11,6 @@ static const answer_fn answers[CR_RESPONSE_COUNT] = {
     [CR_RESPONSE_NORMAL_GROUPS] = cr_rival_normal_groups,
     [CR_RESPONSE_GOD_OBJECT] = cr_rival_god_object,
     [CR_RESPONSE_SPHERE_PROXY] = cr_rival_sphere_proxy,
-    [CR_RESPONSE_WAY_OUT] = cr_way_answer,
 };
 
 uint32_t cr_respond_as_rival(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max) {

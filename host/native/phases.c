@@ -39,7 +39,7 @@ static uint32_t since(uint64_t start_ns) { return (uint32_t)(now_ns() - start_ns
 
 static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, const cr_pose *pose,
                       cr_phases_row *row) {
-    const cr_detect_options options = {config->skip, config->coverage, config->lookups_max};
+    const cr_detect_options options = {config->skip, config->coverage, config->lookups_max, 0u};
     const xform now = xform_from_pose(pose);
     cr_respond_input in = {.field = &b->field, .world_from_tool = &now, .set = &b->set, .config = config};
     memset(&b->stats, 0, sizeof b->stats);

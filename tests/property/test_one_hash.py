@@ -33,7 +33,7 @@ REFERENCE, RIVAL_REFERENCE = "gcc -O0 -g", f"gcc -O0 {WITH_RIVALS}"
 
 Inputs = tuple[bytes, npt.NDArray[np.float32]]
 """A scene image and rows of a path."""
-RIVALS_C = [f for room in ("rivals", "way_out") for f in (ROOT / "firmware" / room).glob("*.c")]
+RIVALS_C = list((ROOT / "firmware/rivals").glob("*.c"))
 
 
 def build(folder: Path, options: str) -> Path:

@@ -54,7 +54,7 @@ void crt_close(crt_rig *rig) {
 
 void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint32_t coverage, cr_contact_set *set,
                     cr_area_set *areas, cr_stats *stats) {
-    const cr_detect_options options = {skip, coverage, UINT32_MAX};
+    const cr_detect_options options = {skip, coverage, UINT32_MAX, 0u};
     const xform at = xform_from_pose(pose);
     const uint32_t clusters = rig->scene.cluster_count;
     uint16_t *hit_of_cluster = malloc(clusters * sizeof *hit_of_cluster);

@@ -68,7 +68,7 @@ static void search_in_pieces_finds_the_same_to_the_bit(void **state) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
         const xform at = xform_from_pose(&pose);
-        const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, LOOKUPS};
+        const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, LOOKUPS, 0u};
         crt_find_areas(&edge, &pose, CR_SKIP_ALL, CR_COVERAGE_SOFT, &whole, &areas, &stats);
         memset(&search, 0, sizeof search);
         cr_motion_advance(&motion, &pose);

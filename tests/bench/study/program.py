@@ -60,9 +60,7 @@ def build(program: Path, flags: tuple[str, ...]) -> Path:
         raise CreaseError("cc: not found; this benchmark builds C: run `make setup`")
     sources = [source, ROOT / "tests/check/blob.c", ROOT / "host/native/replay.c"]
     sources += CORE
-    sources += [
-        f for room in ("rivals", "way_out") for f in sorted((ROOT / "firmware" / room).glob("*.c"))
-    ]
+    sources += sorted((ROOT / "firmware/rivals").glob("*.c"))
     folders = [f"-I{ROOT / name}" for name in ("firmware", "host/native", "tests/check")]
     words = [compiler, *FLAGS, *flags, *folders, *map(str, sources), "-lm", "-o", str(program)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)

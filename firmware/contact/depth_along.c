@@ -1,5 +1,5 @@
 /* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. README.md "Depth". */
-#include "way_out/way_out.h"
+#include "contact/way_out.h"
 
 /* How much deeper than what is nearest to a plane a sample elsewhere may be below it. */
 #define BEYOND 2.0f
@@ -17,8 +17,8 @@
 #define SIDE_FULL 0.25f
 
 #define NEVER_M 3.0e38f
-/* Room for rounding in a bound. */
-#define SLACK 1.0001f
+/* A way that is longer than another by less than this is as long, m: on a face that lies flat no sample is looked at twice. */
+#define SLACK_M 1e-7f
 
 /* What is measured. */
 typedef struct {
@@ -150,7 +150,7 @@ static uint32_t find_longer(const spots *at, const float *part, const cr_way_hal
         const float leaves = own->curved ? v3_dot(n, half->normal) : flat_leaves;
         const float most = cr_way_half_width(c, i, n) - own->height_m[i];
         /* most / leaves or far, without a division */
-        const int by_own = (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most * SLACK <= half->depth_m * leaves);
+        const int by_own = (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most <= half->depth_m * leaves + SLACK_M);
         const int by_far = part[i] * (far + c->ramp[i]) <= half->depth_m;
         longer |= (uint32_t)(!(by_own | by_far)) << i;
     }
@@ -456,7 +456,7 @@ static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, c
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
     cr_lanes3 world;
     cr_lookup look;
-    if (cr_way_planes(s->in, hit, planes, &world, &look)) {
+    if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, &world, &look)) {
         over_planes(s, c, lanes, planes);
     } else {
         looked_up(s, c, lanes, &look, &world, cell);
@@ -482,27 +482,29 @@ static int may_be_deeper(const survey *s, const cr_way_reach *reach) {
     for (uint32_t left = halves_of(s, reach); left != 0u;) {
         const cr_way_half *half = &s->half[take_lane(&left)];
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
-        if (!(leaves > STEEP_MIN && reach->bound_m * SLACK <= leaves * half->depth_m)) {
+        if (!(leaves > STEEP_MIN && reach->bound_m <= leaves * half->depth_m + SLACK_M)) {
             return 1;
         }
     }
     return 0;
 }
 
-void cr_way_measure(const cr_respond_input *in, cr_way_zones *zones, const cr_way_relations *relations,
-                    cr_way_half *half) {
+void cr_way_measure(const cr_respond_input *in, const cr_way_relations *relations, cr_way_half *half) {
+    const cr_way_zones *zones = &in->set->way;
     const survey s = {in, zones, relations, half};
-    cr_planes planes = {0}, cell = {0};
+    cr_planes planes, cell;
+    uint32_t measured[(CR_CLUSTERS_MAX + 31u) / 32u] = {0u};
+    planes.kind = cell.kind = 0u;
     /* Where the zones are deepest first: most others are then known not to be deeper. */
     for (uint32_t z = 0; z < zones->count; z++) {
-        const uint32_t hit = zones->zones[z].deep_hit;
-        if (!zones->reach[hit].measured) {
-            zones->reach[hit].measured = 1u;
+        const uint32_t hit = zones->zones[z].deep_hit, bit = 1u << (hit & 31u);
+        if ((measured[hit >> 5] & bit) == 0u) {
+            measured[hit >> 5] |= bit;
             measure_hit(&s, &in->set->hits[hit], &planes, &cell);
         }
     }
     for (uint32_t h = 0; h < in->set->hit_count; h++) {
-        if (!zones->reach[h].measured && may_be_deeper(&s, &zones->reach[h])) {
+        if ((measured[h >> 5] & (1u << (h & 31u))) == 0u && may_be_deeper(&s, &zones->reach[h])) {
             measure_hit(&s, &in->set->hits[h], &planes, &cell);
         }
     }

@@ -1,6 +1,6 @@
 /* gather: what each piece of the tool is inside of. README.md "Zones". */
 #include "contact/lanes.h"
-#include "way_out/way_out.h"
+#include "contact/way_out.h"
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     for (uint32_t z = 0; z < zones->count; z++) {
@@ -121,18 +121,28 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
     }
 }
 
-int cr_way_planes(const cr_respond_input *in, const cr_hit *hit, cr_planes *planes, cr_lanes3 *world, cr_lookup *at) {
-    const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
+/* Entry of the brick of a point: nearest one in the grid. */
+static uint32_t entry_at(const cr_field *f, cr_vec3 p) {
+    const struct cr_img_meta *m = f->scene->meta;
+    const int32_t x = (int32_t)clamp_f((p.x - m->origin_m[0]) * f->inv_brick, 0.0f, f->grid_max[0]);
+    const int32_t y = (int32_t)clamp_f((p.y - m->origin_m[1]) * f->inv_brick, 0.0f, f->grid_max[1]);
+    const int32_t z = (int32_t)clamp_f((p.z - m->origin_m[2]) * f->inv_brick, 0.0f, f->grid_max[2]);
+    return f->scene->top[(z * f->dims[1] + y) * f->dims[0] + x];
+}
+
+int cr_way_planes(const cr_field *f, const xform *pose, const cr_hit *hit, cr_planes *planes, cr_lanes3 *world,
+                  cr_lookup *at) {
+    const struct cr_img_cluster *c = &f->scene->clusters[hit->cluster];
     uint32_t kind = hit->planes;
-    if (kind == 0u) {
-        cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, world);
-        cr_field_look_up(in->field, world, at);
-    }
     if (kind == 0u && hit->whole != 0u) {
-        kind = cr_planes_around(in->field, at->entry[0], v3(world->x[0], world->y[0], world->z[0]), 2.0f * c->radius_m);
+        const cr_vec3 p = xform_point(pose, v3(c->x[0], c->y[0], c->z[0]));
+        kind = cr_planes_around(f, entry_at(f, p), p, 2.0f * c->radius_m);
     }
-    if (kind != 0u && planes->kind != kind) {
-        cr_planes_turn(in->field->scene, in->world_from_tool, kind, planes);
+    if (kind == 0u) {
+        cr_lanes_to_world(pose, c->x, c->y, c->z, world);
+        cr_field_look_up(f, world, at);
+    } else if (planes->kind != kind) {
+        cr_planes_turn(f->scene, pose, kind, planes);
     }
     return kind != 0u;
 }
@@ -142,39 +152,51 @@ const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c,
     return p->sign < 0.0f ? p : cr_planes_alone(p, v3(c->x[0], c->y[0], c->z[0]), 2.0f * c->radius_m, apart_m, one);
 }
 
-static void find_layers(const cr_respond_input *in, const cr_hit *hit, cr_planes *planes, cr_way_layers *out) {
-    const cr_scene *s = in->field->scene;
-    const struct cr_img_cluster *c = &s->clusters[hit->cluster];
-    const uint32_t lanes = hit->covered & ((1u << c->count) - 1u);
-    cr_lanes3 world;
-    cr_lookup at;
-    out->count = 0u;
-    out->reach = (cr_way_reach){0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f, 0u};
-    if (cr_way_planes(in, hit, planes, &world, &at)) {
-        cr_planes one;
-        cr_heights heights;
-        const cr_planes *p = cr_way_alone(s, c, planes, &one);
-        cr_planes_measure(p, c, &heights);
-        cr_way_over_planes(s, c, lanes, p, &heights, out);
-    } else {
-        cr_way_over_lookup(in->field, in->world_from_tool, c, lanes, &at, &world, out);
+static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
+    static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
+    set->way.layers.count = 0u;
+    set->way.layers.reach = none;
+    return set->hits[hit].covered & ((1u << s->clusters[set->hits[hit].cluster].count) - 1u);
+}
+
+static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit) {
+    const struct cr_img_cluster *c = &s->clusters[set->hits[hit].cluster];
+    const cr_way_layers *l = &set->way.layers;
+    set->way.reach[hit] = l->reach;
+    for (uint32_t k = 0; k < l->count; k++) {
+        for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
+            add_layer(s, pose, c, slot, l, k, hit, &set->way);
+        }
     }
 }
 
-void cr_way_gather(const cr_respond_input *in, cr_way_zones *zones) {
-    cr_planes planes = {0};
-    cr_way_layers layers = {0};
-    const cr_scene *s = in->field->scene;
-    zones->count = zones->dropped = 0u;
-    for (uint32_t h = 0; h < in->set->hit_count; h++) {
-        const struct cr_img_cluster *c = &s->clusters[in->set->hits[h].cluster];
-        find_layers(in, &in->set->hits[h], &planes, &layers);
-        zones->reach[h] = layers.reach;
-        for (uint32_t k = 0; k < layers.count; k++) {
-            for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
-                add_layer(s, in->world_from_tool, c, slot, &layers, k, h, zones);
-            }
-        }
+void cr_way_add_over_planes(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit,
+                            const cr_planes *planes, const cr_heights *heights) {
+    const uint32_t lanes = begin(f->scene, set, hit);
+    cr_way_over_planes(f->scene, &f->scene->clusters[set->hits[hit].cluster], lanes, planes, heights,
+                       &set->way.layers);
+    add_layers(f->scene, pose, set, hit);
+}
+
+void cr_way_add_over_lookup(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit,
+                            const cr_lookup *at, const cr_lanes3 *world) {
+    const uint32_t lanes = begin(f->scene, set, hit);
+    cr_way_over_lookup(f, pose, &f->scene->clusters[set->hits[hit].cluster], lanes, at, world, &set->way.layers);
+    add_layers(f->scene, pose, set, hit);
+}
+
+void cr_way_add_whole(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit) {
+    const struct cr_img_cluster *c = &f->scene->clusters[set->hits[hit].cluster];
+    cr_lanes3 world;
+    cr_lookup at;
+    cr_planes planes, one;
+    cr_heights heights;
+    planes.kind = 0u;
+    if (cr_way_planes(f, pose, &set->hits[hit], &planes, &world, &at)) {
+        const cr_planes *p = cr_way_alone(f->scene, c, &planes, &one);
+        cr_planes_measure(p, c, &heights);
+        cr_way_add_over_planes(f, pose, set, hit, p, &heights);
+    } else {
+        cr_way_add_over_lookup(f, pose, set, hit, &at, &world);
     }
-    zones->dropped += layers.dropped;
 }

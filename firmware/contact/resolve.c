@@ -1,5 +1,5 @@
 /* resolve: all half-spaces at once. README.md "All contacts at once". */
-#include "way_out/way_out.h"
+#include "contact/way_out.h"
 
 #define SWEEPS 64
 

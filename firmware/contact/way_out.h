@@ -1,7 +1,7 @@
-/* The way out: a contact pushes with the shortest translation that leads out of the obstacle. Host only, compiled with CR_RIVALS, until it takes
- * the place of the zones; README.md has the idea, what holds and what does not yet.
+/* The way out: a contact pushes with the shortest translation that leads out of the obstacle. way_out.md has the idea, what holds and what
+ * does not yet.
  *
- *     hits -> gather -> zones -> relate -> half-spaces -> depth_along -> resolve -> contacts
+ *     detect, gather -> zones -> relate -> half-spaces -> depth_along -> resolve -> contacts
  *
  * Everything between gather and resolve is in the tool frame. Units m; a force divided by the stiffness is a length. */
 #ifndef CR_WAY_OUT_H
@@ -24,62 +24,12 @@ static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_
     return 0.5f * CR_WAY_REACH * cr_way_width(c, i, n) + c->reach[i];
 }
 
-/* Zones of a tick: a static facet, or a side of a curved surface, that one piece of the tool is inside of. Bits of a word. */
-#define CR_WAY_ZONES_MAX 24u
-
-/* Sides of a curved surface: the directions of the axes. A sample counts for those that its normal has a part of. */
-#define CR_WAY_SIDES 6u
-
-/* Key of a zone. */
-typedef struct {
-    uint32_t surface; /* facet; CR_WAY_CURVED with a patch; CR_WAY_DEEP or CR_WAY_NONE */
-    uint32_t side;    /* below CR_WAY_SIDES; 0 on a facet */
-    uint32_t piece;   /* of the tool */
-} cr_way_key;
-#define CR_WAY_CURVED 0x80000000u
-#define CR_WAY_DEEP 0xfffffffeu /* far from any facet: only the direction of the distance is known */
-#define CR_WAY_NONE 0xffffffffu /* not even that */
-
-/* What a piece of the tool is inside of. */
-typedef struct {
-    cr_way_key key;
-    uint32_t patch;
-    float weight_m3; /* sum of depth times area */
-    float area_m2;   /* covered */
-    float deep_m;    /* of the deepest sample, */
-    uint32_t deep_hit; /* in this hit */
-    cr_vec3 push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
-    cr_vec3 turn_m4; /* moment of that about the tool origin */
-    cr_vec3 centre_m4;             /* weight times sample */
-    cr_vec3 normal_m3, above_m4;   /* curved: weight times static normal, and that times depth */
-    uint32_t flat;                 /* 1: a plane, height = normal . p + offset */
-    cr_vec3 plane_normal;
-    float plane_offset_m;
-} cr_way_zone;
-
-/* What one hit is inside of, so that it need not be looked at again where others are deeper. */
-typedef struct {
-    uint32_t zones;  /* bits */
-    float bound_m;   /* no piece of its samples is anywhere deeper than this below a plane that it is inside of */
-    cr_vec3 toward;  /* a normal of those planes, tool frame */
-    float spread;    /* largest |difference| of the others to it */
-    uint32_t measured;
-} cr_way_reach;
-
-typedef struct {
-    uint32_t count, dropped;
-    cr_way_zone zones[CR_WAY_ZONES_MAX];
-    cr_way_reach reach[CR_CLUSTERS_MAX]; /* of each hit */
-} cr_way_zones;
-
-/* Purpose  the zones of all hits.   Output  *zones; dropped counts samples whose zone did not fit.   Cost  a lookup a hit that has no planes. */
-void cr_way_gather(const cr_respond_input *in, cr_way_zones *zones);
-
 /* Purpose  zone of a key, or CR_WAY_NONE. */
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key);
 
 /* Purpose  planes that give the distance at and round a hit, turned into the tool frame.   Output  0 when there are none: at and world are looked up. */
-int cr_way_planes(const cr_respond_input *in, const cr_hit *hit, cr_planes *planes, cr_lanes3 *world, cr_lookup *at);
+int cr_way_planes(const cr_field *field, const xform *world_from_tool, const cr_hit *hit, cr_planes *planes,
+                  cr_lanes3 *world, cr_lookup *at);
 
 /* Facets that a looked-up sample is inside of, and how much it counts for each. */
 typedef struct {
@@ -93,23 +43,6 @@ void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_v
 
 /* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
 float cr_way_share(cr_vec3 direction, uint32_t side);
-
-/* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
-typedef struct {
-    uint32_t surface, patch;
-    uint32_t side; /* CR_WAY_SIDES: of all sides, by the mean of the normals */
-    uint32_t lanes;
-    float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
-} cr_way_layer;
-#define CR_WAY_LAYERS_MAX 12u
-
-typedef struct {
-    uint32_t count, dropped;
-    cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
-    float full_m[CR_LANES]; /* and depths, whatever they count for */
-    cr_way_reach reach;
-    cr_way_layer layers[CR_WAY_LAYERS_MAX];
-} cr_way_layers;
 
 /* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known. */
 void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
@@ -166,8 +99,7 @@ typedef struct {
 uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations, cr_way_half *out);
 
 /* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit. */
-void cr_way_measure(const cr_respond_input *in, cr_way_zones *zones, const cr_way_relations *relations,
-                    cr_way_half *half);
+void cr_way_measure(const cr_respond_input *in, const cr_way_relations *relations, cr_way_half *half);
 
 #define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
 
@@ -189,7 +121,13 @@ float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_wa
  * Shapes   normal unit, depth_m, out lambda_m: [count]. */
 void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *lambda_m);
 
-/* Purpose  the response.   Output  out[0..return), a contact for each half-space that pushes. */
-uint32_t cr_way_answer(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t room);
+/* What passes between the stages of an answer. */
+typedef struct {
+    cr_way_relations relations;
+    cr_way_half half[CR_WAY_ZONES_MAX];
+} cr_way_work;
+
+/* Purpose  the response.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
+uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats);
 
 #endif

@@ -2,7 +2,7 @@
  *
  * Zones of one piece of the tool whose static surfaces meet convexly share one way out; those that meet concavely have one each. In
  * between each counts for the other by a part that changes continuously. */
-#include "way_out/way_out.h"
+#include "contact/way_out.h"
 
 /* Sine of the elevation of a zone above the plane of another from which on they are apart. */
 #define APART_SINE 0.2f

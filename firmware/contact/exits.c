@@ -2,7 +2,7 @@
  *
  * Over planes the way to the first exit is the least of those through each of them: the least of some linear functions. Its greatest value on
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
-#include "way_out/way_out.h"
+#include "contact/way_out.h"
 
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u

@@ -1,0 +1,80 @@
+/* answer: the stages in their order, and the contacts they make. */
+#include "contact/way_out.h"
+
+/* A point on which a force along the normal has this moment about the tool origin, nearest to the middle of what is inside. */
+static cr_vec3 acting_point(const cr_way_half *half, cr_vec3 middle) {
+    return v3_mad(v3_cross(half->normal, half->arm_m), half->normal, v3_dot(half->normal, middle));
+}
+
+/* Area, and the middle, of the zones of a half-space. */
+static float sum_zones(const cr_way_zones *zones, uint32_t bits, cr_vec3 *middle) {
+    cr_vec3 centre = v3(0.0f, 0.0f, 0.0f);
+    float area = 0.0f, weight = 0.0f;
+    while (bits != 0u) {
+        const cr_way_zone *z = &zones->zones[take_lane(&bits)];
+        area += z->area_m2;
+        weight += z->weight_m3;
+        centre = v3_add(centre, z->centre_m4);
+    }
+    *middle = v3_scale(centre, 1.0f / weight);
+    return area;
+}
+
+static cr_vec3 world_normal(const xform *pose, const cr_way_zone *z) {
+    return xform_rotate(pose, z->flat ? z->plane_normal : v3_unit(z->normal_m3, 0.0f));
+}
+
+/* A zone for the report: of curved surfaces the sides are zones of their own. */
+static void report_zone(const cr_respond_input *in, const cr_way_relations *r, uint32_t index, cr_area *out) {
+    const cr_way_zone *z = &in->set->way.zones[index];
+    if (out->zone_count == CR_ZONES_MAX || z->patch == CR_FACET_NONE) {
+        return;
+    }
+    cr_zone *zone = &out->zones[out->zone_count++];
+    zone->patch = z->patch;
+    zone->normal_world = world_normal(in->world_from_tool, z);
+    zone->centre_world_m = xform_point(in->world_from_tool, r->touched[index]);
+    zone->area_m2 = z->area_m2;
+    zone->radius_m = sqrtf(z->area_m2);
+    zone->weight_m2 = z->deep_m > 0.0f ? z->weight_m3 / z->deep_m : 0.0f;
+    zone->offset_m = v3_dot(zone->normal_world, zone->centre_world_m);
+}
+
+static void report(const cr_respond_input *in, const cr_way_relations *r, const cr_way_half *half, float push_m,
+                   cr_area *out) {
+    cr_vec3 middle;
+    out->area_m2 = sum_zones(&in->set->way, half->zones, &middle);
+    out->force_world_N = v3(0.0f, 0.0f, 0.0f);
+    out->normal_world = xform_rotate(in->world_from_tool, half->normal);
+    out->point_world_m = xform_point(in->world_from_tool, acting_point(half, middle));
+    out->depth_m = push_m;
+    out->offset_m = v3_dot(out->normal_world, out->point_world_m) + push_m;
+    out->zone_count = 0u;
+    for (uint32_t left = half->zones; left != 0u;) {
+        report_zone(in, r, (uint32_t)take_lane(&left), out);
+    }
+}
+
+uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
+    const cr_way_zones *zones = &in->set->way;
+    cr_way_half *half = work->half;
+    cr_vec3 normal[CR_WAY_ZONES_MAX];
+    float depth[CR_WAY_ZONES_MAX], push[CR_WAY_ZONES_MAX];
+    uint32_t made = 0u;
+    const uint32_t count = cr_way_relate(in->field->scene, zones, &work->relations, half);
+    cr_way_measure(in, &work->relations, half);
+    for (uint32_t h = 0; h < count; h++) {
+        normal[h] = half[h].normal;
+        depth[h] = v3_dot(normal[h], normal[h]) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
+    }
+    cr_way_resolve(normal, depth, count, push);
+    for (uint32_t h = 0; h < count; h++) {
+        if (push[h] > 0.0f && made == room) {
+            stats->areas_merged++;
+        } else if (push[h] > 0.0f) {
+            report(in, &work->relations, &half[h], push[h], &out[made++]);
+        }
+    }
+    stats->zones_dropped += zones->dropped + zones->layers.dropped;
+    return made;
+}
