@@ -86,7 +86,7 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
 }
 
 /* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it. */
-static void add_bounds(const cr_way_half *half, const spots *at, rows *e) {
+static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes, rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
         const float leaves = v3_dot(q->normal, half->normal) * q->part;
@@ -102,6 +102,9 @@ static void add_bounds(const cr_way_half *half, const spots *at, rows *e) {
         const struct cr_img_cluster *c = at->c;
         float *height = e->height_m[e->count], *steep = e->leaves[e->count];
         for (int i = 0; i < CR_LANES; i++) {
+            if (skip_lane(lanes, i)) {
+                continue;
+            }
             const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
             height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]) / seen);
             steep[i] = h < 0.0f ? leaves : -1.0f;
@@ -111,7 +114,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, rows *e) {
     }
 }
 
-static void find_own(const cr_way_half *half, const spots *at, rows *e) {
+static void find_own(const cr_way_half *half, const spots *at, uint32_t lanes, rows *e) {
     e->count = at->count;
     for (uint32_t k = 0; k < at->count; k++) {
         const known *p = &at->planes[k];
@@ -119,6 +122,9 @@ static void find_own(const cr_way_half *half, const spots *at, rows *e) {
         e->normal[k] = p->normal;
         e->curved[k] = p->curved;
         for (int i = 0; i < CR_LANES; i++) {
+            if (skip_lane(lanes, i)) {
+                continue;
+            }
             e->height_m[k][i] = p->height_m[i];
             e->leaves[k][i] = p->curved ? v3_dot(lane_of(at->normal, i), half->normal) : leaves;
         }
@@ -132,20 +138,27 @@ typedef struct {
     uint32_t plain;
 } ways;
 
-static void find_reach(const struct cr_img_cluster *c, const rows *e, uint32_t k, const cr_lanes3 *normal,
-                       float *reach_m) {
+static void find_reach(const spots *at, uint32_t lanes, const rows *e, uint32_t k, float *reach_m) {
+    const struct cr_img_cluster *c = at->c;
+    const cr_lanes3 *normal = at->normal;
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(lanes, i)) {
+            continue;
+        }
         reach_m[i] = cr_way_half_width(c, i, e->curved[k] ? lane_of(normal, i) : e->normal[k]);
     }
 }
 
 /* Lanes whose way may be longer than what is known, by the plane that they are inside of. */
-static uint32_t find_longer(const spots *at, const float *part, const cr_way_half *half) {
+static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, const cr_way_half *half) {
     const struct cr_img_cluster *c = at->c;
     const known *own = &at->planes[0];
     const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
     uint32_t longer = 0u;
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(lanes, i)) {
+            continue;
+        }
         const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
         const float leaves = own->curved ? v3_dot(n, half->normal) : flat_leaves;
         const float most = cr_way_half_width(c, i, n) - own->height_m[i];
@@ -154,10 +167,10 @@ static uint32_t find_longer(const spots *at, const float *part, const cr_way_hal
         const int by_far = part[i] * (far + c->ramp[i]) <= half->depth_m;
         longer |= (uint32_t)(!(by_own | by_far)) << i;
     }
-    return longer;
+    return longer & lanes;
 }
 
-static void find_ways(const spots *at, const rows *e, ways *w) {
+static void find_ways(const spots *at, uint32_t lanes, const rows *e, ways *w) {
     const struct cr_img_cluster *c = at->c;
     float first[CR_LANES], second[CR_LANES]; /* the two least that exits may be anywhere on a piece */
     for (int i = 0; i < CR_LANES; i++) {
@@ -166,8 +179,11 @@ static void find_ways(const spots *at, const rows *e, ways *w) {
     }
     for (uint32_t k = 0; k < e->count; k++) {
         float reach[CR_LANES];
-        find_reach(c, e, k, at->normal, reach);
+        find_reach(at, lanes, e, k, reach);
         for (int i = 0; i < CR_LANES; i++) {
+            if (skip_lane(lanes, i)) {
+                continue;
+            }
             const float leaves = e->leaves[k][i], h = e->height_m[k][i];
             const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
             const int leads = leaves > CR_WAY_LEAVES_MIN, bounds = leads | ((h > 0.0f) & (leaves > -1.0f));
@@ -181,6 +197,9 @@ static void find_ways(const spots *at, const rows *e, ways *w) {
     }
     w->plain = 0u;
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(lanes, i)) {
+            continue;
+        }
         w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= STEEP)) << i;
     }
     w->plain &= ~(uint32_t)c->crease_mask;
@@ -209,19 +228,25 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     ways w;
     float gone[CR_LANES], most = 0.0f;
     uint32_t steep = 0u, left = 0u;
-    lanes &= find_longer(at, part, half);
+    lanes = find_longer(at, lanes, part, half);
     if (lanes == 0u) {
         return;
     }
-    find_own(half, at, &e);
-    add_bounds(half, at, &e);
-    find_ways(at, &e, &w);
+    find_own(half, at, lanes, &e);
+    add_bounds(half, at, lanes, &e);
+    find_ways(at, lanes, &e, &w);
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(lanes, i)) {
+            continue;
+        }
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
         const float way = part[i] * lower_f(far, higher_f(0.0f, w.middle_m[i]));
         half->depth_m = ((lanes & w.plain) >> i) & 1u ? higher_f(half->depth_m, way) : half->depth_m;
     }
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(lanes, i)) {
+            continue;
+        }
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
         most = higher_f(most, far);
         left |= (uint32_t)(part[i] * lower_f(far, w.most_m[i]) > half->depth_m) << i;

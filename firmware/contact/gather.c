@@ -154,9 +154,11 @@ const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c,
 
 static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
     static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
+    const uint32_t used = (1u << s->clusters[set->hits[hit].cluster].count) - 1u;
     set->way.layers.count = 0u;
+    set->way.layers.near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
     set->way.layers.reach = none;
-    return set->hits[hit].covered & ((1u << s->clusters[set->hits[hit].cluster].count) - 1u);
+    return set->hits[hit].covered & used;
 }
 
 static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit) {

@@ -68,15 +68,18 @@ static void reach_to(cr_way_reach *r, cr_vec3 n, float deep_m) {
 }
 
 /* All lanes over one plane, heights in the tool frame. */
-static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 n, const float *height_m,
+static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
                       cr_way_reach *reach, cr_way_layer *out) {
     float deep = 0.0f;
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(near, i)) {
+            continue;
+        }
         const part p = part_below(c, i, n, height_m[i]);
         const float in = (float)((lanes >> i) & 1u);
         out->depth_m[i] = in * p.depth_m;
         out->coverage[i] = in * p.share;
-        deep = higher_f(deep, p.deepest_m);
+        deep = higher_f(deep, (float)((near >> i) & 1u) * p.deepest_m);
     }
     out->lanes |= lanes;
     reach_to(reach, n, deep);
@@ -129,7 +132,7 @@ static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c,
             for (int i = 0; i < CR_LANES; i++) {
                 height_m[i] = -h->height_m[k][i];
             }
-            fill_flat(c, lanes, v3_scale(p->normal_tool[k], -1.0f), height_m, &out->reach, wall);
+            fill_flat(c, lanes, out->near, v3_scale(p->normal_tool[k], -1.0f), height_m, &out->reach, wall);
         }
     }
 }
@@ -143,7 +146,7 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     if (p->count == 1u) {
         cr_way_layer *floor = layer_of(out, p->facet[0], 0u, s->facets[p->facet[0]].patch);
         if (floor != NULL) {
-            fill_flat(c, lanes, p->normal_tool[0], h->height_m[0], &out->reach, floor);
+            fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
         }
         return;
     }
@@ -264,14 +267,17 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, uint32_t
         return;
     }
     for (int i = 0; i < CR_LANES; i++) {
+        if (skip_lane(out->near, i)) {
+            continue;
+        }
         const cr_vec3 n = v3(g->x[i], g->y[i], g->z[i]);
         const part p = part_below(c, i, n, at->phi_m[i]);
-        const float in = (float)((lanes >> i) & 1u);
+        const float in = (float)((lanes >> i) & 1u), near = (float)((out->near >> i) & 1u);
         const float x = n.x - g->x[0], y = n.y - g->y[0], z = n.z - g->z[0];
         layer->depth_m[i] = out->full_m[i] = in * p.depth_m;
         layer->coverage[i] = in * p.share;
-        deep = higher_f(deep, p.deepest_m);
-        apart2 = higher_f(apart2, x * x + y * y + z * z);
+        deep = higher_f(deep, near * p.deepest_m);
+        apart2 = higher_f(apart2, near * (x * x + y * y + z * z));
     }
     layer->lanes |= lanes;
     reach_to(&out->reach, v3(g->x[0], g->y[0], g->z[0]), deep);
@@ -293,7 +299,7 @@ static void fill_common(const cr_field *f, const xform *pose, const struct cr_im
     }
     cr_way_layer *floor = layer_of(out, surface, 0u, facet->patch);
     if (floor != NULL) {
-        fill_flat(c, lanes, n, height_m, &out->reach, floor);
+        fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
     }
 }
 
@@ -309,10 +315,11 @@ void cr_way_normals(const xform *pose, const cr_lookup *at, cr_lanes3 *g) {
 }
 
 /* What lanes in cells of several facets are deep below: these facets' planes, as far as they are near. */
-static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, const cr_lookup *at,
+static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *at,
                       const cr_lanes3 *world, const cr_lanes3 *normal, cr_way_reach *out) {
     const cr_scene *s = f->scene;
-    for (int i = 0; i < (int)c->count; i++) {
+    for (uint32_t left = lanes; left != 0u;) {
+        const int i = take_lane(&left);
         const cr_vec3 n = v3(normal->x[i], normal->y[i], normal->z[i]);
         reach_to(out, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
         const int far = (at->entry[i] & CR_TOP_FAR) != 0u, creased = (int)((at->from_facet >> i) & 1u);
@@ -338,7 +345,7 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
         return;
     }
     cr_cover(f->scene, pose, CR_COVERAGE_SOFT, c, at, coverage);
-    reach_all(f, pose, c, at, world, &out->normal, &out->reach);
+    reach_all(f, pose, c, out->near, at, world, &out->normal, &out->reach);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         const cr_vec3 n = v3(out->normal.x[i], out->normal.y[i], out->normal.z[i]);

@@ -181,6 +181,7 @@ typedef struct {
 
 typedef struct {
     uint32_t count, dropped;
+    uint32_t near;          /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
     cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
     float full_m[CR_LANES]; /* and depths, whatever they count for */
     cr_way_reach reach;
