@@ -461,13 +461,9 @@ static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t 
     over_cells(s, c, lanes & ~look->from_facet, look, world, &normal);
     lanes &= look->from_facet;
     while (lanes != 0u) {
-        uint32_t same = 0u;
-        const uint32_t rest = lanes;
-        const int i = take_lane(&lanes);
-        for (uint32_t left = rest; left != 0u;) {
-            const int k = take_lane(&left);
-            same |= (uint32_t)(look->kind[k] == look->kind[i]) << k;
-        }
+        const uint32_t same = cr_way_same_cell(look, lanes);
+        uint32_t first = same;
+        const int i = take_lane(&first);
         lanes &= ~same;
         if (cell->kind != look->kind[i]) {
             cr_planes_turn(s->in->field->scene, s->in->world_from_tool, look->kind[i], cell);

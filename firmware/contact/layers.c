@@ -151,6 +151,7 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
         return;
     }
     out->reach.spread = APART; /* measured without a lookup: not worth knowing */
+    out->reach.bound_m = max_f(0.0f, out->reach.bound_m);
     while (lanes != 0u) {
         fill_lane_over_solid(s, c, take_lane(&lanes), p, h, out);
     }
@@ -179,20 +180,11 @@ static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_v
 
 void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p, cr_way_facets *out) {
     const cr_scene *s = f->scene;
-    out->count = out->apart = 0u;
-    if ((at->entry[lane] & CR_TOP_FAR) != 0u) {
-        return;
+    out->count = 0u;
+    if ((at->entry[lane] & CR_TOP_FAR) == 0u) {
+        weigh_facets(s, &s->kinds[cr_field_kind(f, at, lane)], v3(at->gx[lane], at->gy[lane], at->gz[lane]),
+                     at->phi_m[lane], p, out);
     }
-    const int over_planes = (int)((at->from_facet >> lane) & 1u);
-    const struct cr_img_kind *kind = &s->kinds[over_planes ? at->kind[lane] : cr_field_kind(f, at, lane)];
-    if (over_planes && kind->kind == CR_KIND_CONVEX) {
-        out->facet[0] = at->facet[lane];
-        out->share[0] = 1.0f;
-        out->count = 1u;
-        return;
-    }
-    out->apart = (uint32_t)(over_planes && kind->kind == CR_KIND_CONCAVE);
-    weigh_facets(s, kind, v3(at->gx[lane], at->gy[lane], at->gz[lane]), at->phi_m[lane], p, out);
 }
 
 /* A lane inside of a curved surface: to the sides by its normal. */
@@ -207,27 +199,20 @@ static void fill_sides(cr_way_layers *out, uint32_t surface, uint32_t patch, int
 }
 
 /* A looked-up lane: its facets are known, or only the direction of the distance, or nothing. */
-static void fill_looked_up(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, int i,
-                           const cr_way_facets *on, cr_vec3 g_world, cr_vec3 p_world, part in, float coverage,
-                           cr_way_layers *out) {
-    const cr_scene *s = f->scene;
-    const float depth = depth_left(in, coverage);
+static void fill_looked_up(const cr_field *f, const cr_way_facets *on, int i, cr_vec3 g_world, float depth_m,
+                           float coverage, cr_way_layers *out) {
     if (on->count == 0u && v3_dot(g_world, g_world) > 0.5f) {
-        fill_sides(out, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth, coverage);
+        fill_sides(out, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth_m, coverage);
     } else if (on->count == 0u) {
-        lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth, coverage);
+        lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
     }
     for (uint32_t k = 0; k < on->count; k++) {
-        const struct cr_img_facet *facet = &s->facets[on->facet[k]];
+        const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
+        const float share = on->share[k];
         if (facet->curved) {
-            fill_sides(out, CR_WAY_CURVED | facet->patch, facet->patch, i, g_world, depth * on->share[k],
-                       coverage * on->share[k]);
-        } else if (on->apart) {
-            const cr_vec3 n = v3_from(facet->normal);
-            const part wall = part_below(c, i, xform_unrotate(pose, n), v3_dot(n, p_world) - facet->offset_m);
-            lane_to(out, on->facet[k], 0u, facet->patch, i, wall.depth_m, wall.share);
+            fill_sides(out, CR_WAY_CURVED | facet->patch, facet->patch, i, g_world, depth_m * share, coverage * share);
         } else {
-            lane_to(out, on->facet[k], 0u, facet->patch, i, depth * on->share[k], coverage * on->share[k]);
+            lane_to(out, on->facet[k], 0u, facet->patch, i, depth_m * share, coverage * share);
         }
     }
 }
@@ -315,23 +300,47 @@ void cr_way_normals(const xform *pose, const cr_lookup *at, cr_lanes3 *g) {
 }
 
 /* What lanes in cells of several facets are deep below: these facets' planes, as far as they are near. */
-static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *at,
-                      const cr_lanes3 *world, const cr_lanes3 *normal, cr_way_reach *out) {
+static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                      const cr_lookup *at, const cr_lanes3 *world, const cr_lanes3 *normal, cr_way_reach *out) {
     const cr_scene *s = f->scene;
-    for (uint32_t left = lanes; left != 0u;) {
-        const int i = take_lane(&left);
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
         const cr_vec3 n = v3(normal->x[i], normal->y[i], normal->z[i]);
         reach_to(out, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
-        const int far = (at->entry[i] & CR_TOP_FAR) != 0u, creased = (int)((at->from_facet >> i) & 1u);
-        const struct cr_img_kind *kind = far ? &s->kinds[0] : &s->kinds[creased ? at->kind[i] : cr_field_kind(f, at, i)];
+        const int far = (at->entry[i] & CR_TOP_FAR) != 0u;
+        const struct cr_img_kind *kind = &s->kinds[far ? 0u : cr_field_kind(f, at, i)];
         for (uint32_t k = 0; k < kind->count; k++) {
             const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
             const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
             const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
-            if (facet->curved == 0u && (creased || height < 0.0f)) {
+            if (facet->curved == 0u && height < 0.0f) {
                 reach_to(out, m_tool, cr_way_half_width(c, i, m_tool) - height);
             }
         }
+    }
+}
+
+uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes) {
+    uint32_t same = 0u, left = lanes;
+    const uint32_t kind = at->kind[take_lane(&left)];
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        same |= (uint32_t)(at->kind[i] == kind) << i;
+    }
+    return same;
+}
+
+/* Lanes in cells whose planes give the distance. */
+static void fill_over_cells(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                            const cr_lookup *at, cr_way_layers *out) {
+    cr_planes planes;
+    cr_heights heights;
+    while (lanes != 0u) {
+        uint32_t same = cr_way_same_cell(at, lanes), first = same;
+        lanes &= ~same;
+        cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
+        cr_planes_measure(&planes, c, &heights);
+        cr_way_over_planes(f->scene, c, same, &planes, &heights, out);
     }
 }
 
@@ -344,8 +353,13 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
         fill_common(f, pose, c, lanes, surface, at, &out->normal, out);
         return;
     }
+    fill_over_cells(f, pose, c, lanes & at->from_facet, at, out);
+    lanes &= ~at->from_facet;
+    if (lanes == 0u) {
+        return;
+    }
     cr_cover(f->scene, pose, CR_COVERAGE_SOFT, c, at, coverage);
-    reach_all(f, pose, c, out->near, at, world, &out->normal, &out->reach);
+    reach_all(f, pose, c, out->near & ~at->from_facet, at, world, &out->normal, &out->reach);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         const cr_vec3 n = v3(out->normal.x[i], out->normal.y[i], out->normal.z[i]);
@@ -354,7 +368,7 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
         cr_way_facets on;
         out->full_m[i] = in.depth_m;
         cr_way_facets_of(f, at, i, p, &on);
-        fill_looked_up(f, pose, c, i, &on, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), p,
-                       in, coverage[i], out);
+        fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, coverage[i]),
+                       coverage[i], out);
     }
 }

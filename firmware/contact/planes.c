@@ -142,7 +142,7 @@ const cr_planes *cr_planes_alone(const cr_planes *p, cr_vec3 p_tool, float radiu
         best = height > first ? k : best;
         first = higher_f(height, first);
     }
-    if (first - second <= p->spread * radius_m + apart_m) {
+    if (!(first - second > p->spread * radius_m + apart_m)) {
         return p;
     }
     one->kind = p->kind;

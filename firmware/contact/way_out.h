@@ -36,7 +36,6 @@ typedef struct {
     uint32_t count;
     uint32_t facet[CR_KIND_FACETS_MAX];
     float share[CR_KIND_FACETS_MAX];
-    uint32_t apart; /* 1: each answers by its own height: they meet concavely */
 } cr_way_facets;
 
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
@@ -55,6 +54,9 @@ void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, con
 /* Purpose  the surface that all lanes are over, where it is one and not at a crease: a facet that is not curved, or CR_WAY_CURVED with the patch.
  * Output   CR_WAY_NONE where there is no such. */
 uint32_t cr_way_common(const cr_field *field, const cr_lookup *at, uint32_t lanes);
+
+/* Purpose  of some lanes, those in cells of the same kind as the first. */
+uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes);
 
 /* Purpose  unit gradients in the tool frame, zero where there is none. */
 void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
