@@ -5,11 +5,16 @@
 #define BEYOND 2.0f
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
 #define FAR_MAX 4.0f
-/* Share of a half-space's weight from which on a plane is seen well enough to say so. */
+/* Share of a half-space's weight from which on a plane bounds it in full. */
 #define SEEN 0.05f
-/* Cosine of normal and plane from which on the exit through the plane is trusted; below the least one it is looked for along the normal. */
+/* Cosine of normal and plane from which on the exit through the plane is trusted; below the least one it is looked for along the normal. Where planes are all
+ * there is they are trusted longer than beside a curved surface, whose exit no plane tells. */
 #define STEEP 0.5f
 #define STEEP_MIN 0.3f
+#define STEEP_CURVED 0.95f
+#define STEEP_MIN_CURVED 0.7f
+/* Share of curved zones in a half-space from which on they count in full. */
+#define CURVED 0.25f
 #define MARCH_STEPS 12
 /* A march ends this near the surface, as a share of the sample's reach. */
 #define MARCH_END 0.02f
@@ -89,7 +94,9 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
 static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes, rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
-        const float leaves = v3_dot(q->normal, half->normal) * q->part;
+        /* A plane that is hardly touched yet is hardly left through: it comes from afar. */
+        const float seen = min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3));
+        const float leaves = v3_dot(q->normal, half->normal) * q->part * seen;
         uint32_t k = 0u;
         while (k < at->count && at->planes[k].facet != q->facet) {
             k++;
@@ -97,8 +104,6 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
         if (k < at->count || !(leaves > CR_WAY_LEAVES_MIN)) {
             continue;
         }
-        /* A plane that is hardly touched yet says nothing of how deep one may be below it. */
-        const float seen = max_f(1e-6f, min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3)));
         const struct cr_img_cluster *c = at->c;
         float *height = e->height_m[e->count], *steep = e->leaves[e->count];
         for (int i = 0; i < CR_LANES; i++) {
@@ -106,7 +111,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
                 continue;
             }
             const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
-            height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]) / seen);
+            height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]));
             steep[i] = h < 0.0f ? leaves : -1.0f;
         }
         e->curved[e->count] = 0;
@@ -170,7 +175,7 @@ static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, 
     return longer & lanes;
 }
 
-static void find_ways(const spots *at, uint32_t lanes, const rows *e, ways *w) {
+static void find_ways(const spots *at, uint32_t lanes, const rows *e, float trusted, ways *w) {
     const struct cr_img_cluster *c = at->c;
     float first[CR_LANES], second[CR_LANES]; /* the two least that exits may be anywhere on a piece */
     for (int i = 0; i < CR_LANES; i++) {
@@ -200,9 +205,17 @@ static void find_ways(const spots *at, uint32_t lanes, const rows *e, ways *w) {
         if (skip_lane(lanes, i)) {
             continue;
         }
-        w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= STEEP)) << i;
+        w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= trusted)) << i;
     }
     w->plain &= ~(uint32_t)c->crease_mask;
+}
+
+/* How far the exit through planes is trusted, the steepest of them so steep. */
+static float sure_of(const cr_way_half *half, float steep) {
+    const float curved = min_f(1.0f, half->curved_m3 / (CURVED * half->weight_m3));
+    const float flat = clamp_f((steep - STEEP_MIN) / (STEEP - STEEP_MIN), 0.0f, 1.0f);
+    const float beside = clamp_f((steep - STEEP_MIN_CURVED) / (STEEP_CURVED - STEEP_MIN_CURVED), 0.0f, 1.0f);
+    return flat + curved * (beside - flat);
 }
 
 /* One lane in full: anywhere on its piece; where the normal hardly leaves through the planes by what a march found. */
@@ -218,7 +231,7 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e
         }
     }
     const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i], way_m = min_f(most_m, cr_way_longest(at->c, i, &exits));
-    const float sure = clamp_f((steep - STEEP_MIN) / (STEEP - STEEP_MIN), 0.0f, 1.0f);
+    const float sure = sure_of(half, steep);
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * half->rules * min_f(gone_m[i], way_m) : way_m;
 }
 
@@ -227,6 +240,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     rows e;
     ways w;
     float gone[CR_LANES], most = 0.0f;
+    const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
     lanes = find_longer(at, lanes, part, half);
     if (lanes == 0u) {
@@ -234,7 +248,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     }
     find_own(half, at, lanes, &e);
     add_bounds(half, at, lanes, &e);
-    find_ways(at, lanes, &e, &w);
+    find_ways(at, lanes, &e, trusted, &w);
     for (int i = 0; i < CR_LANES; i++) {
         if (skip_lane(lanes, i)) {
             continue;
@@ -250,7 +264,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
         most = higher_f(most, far);
         left |= (uint32_t)(part[i] * lower_f(far, w.most_m[i]) > half->depth_m) << i;
-        steep |= (uint32_t)(w.steep[i] >= STEEP) << i;
+        steep |= (uint32_t)(w.steep[i] >= trusted) << i;
     }
     left &= lanes & ~w.plain;
     if ((left & ~steep) != 0u && half->rules > 0.0f) {

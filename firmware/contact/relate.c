@@ -225,7 +225,7 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
 static void make_half(const cr_way_zones *zones, const means *m, const float *part, float whole_m3, cr_way_half *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f;
-    out->deep_m = 0.0f;
+    out->deep_m = out->curved_m3 = 0.0f;
     for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
         out->deep_m = max_f(out->deep_m, part[c] * z->deep_m);
@@ -233,6 +233,7 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
         turn = v3_mad(turn, z->turn_m4, part[c]);
         centre = v3_mad(centre, z->centre_m4, part[c]);
         weight += part[c] * z->weight_m3;
+        out->curved_m3 += z->flat ? 0.0f : part[c] * z->weight_m3;
     }
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
