@@ -8,6 +8,8 @@
 #define APART_SINE 0.2f
 /* What is left of a sum outside the cone of the normals touched is sampling error up to this share of it. */
 #define OUTSIDE 0.3f
+/* The error is larger where few samples are inside: so many of them, by area, tell of a direction that no normal touched has. */
+#define SEEN_BY 4.0f
 /* Zones that hold less than this share of all weight are not trusted to know a way out that no normal touched tells. */
 #define RULES_FROM 0.5f
 /* Part of a sum that the normals must explain to lead: in full, and not at all. */
@@ -19,6 +21,8 @@
 #define SAME 1e-3f
 /* Difference of two normals from which on they are not one direction. */
 #define ONE_WAY 0.2f
+/* Zones that hold less than this share of their half-space do not lead it: it has its weight from others, which lead their own. */
+#define MINOR 0.1f
 #define SWEEPS 32
 /* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. */
 #define TWICE 2.0f
@@ -222,9 +226,10 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
 }
 
 /* Normal and arm of the zones that one zone is related to, each by its part. */
-static void make_half(const cr_way_zones *zones, const means *m, const float *part, float whole_m3, cr_way_half *out) {
+static void make_half(const cr_way_zones *zones, const means *m, const float *part, float whole_m3, float spacing_m,
+                      cr_way_half *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
-    float weight = 0.0f;
+    float weight = 0.0f, area = 0.0f;
     out->deep_m = out->curved_m3 = 0.0f;
     for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
@@ -233,16 +238,19 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
         turn = v3_mad(turn, z->turn_m4, part[c]);
         centre = v3_mad(centre, z->centre_m4, part[c]);
         weight += part[c] * z->weight_m3;
+        area += part[c] * z->area_m2;
         out->curved_m3 += z->flat ? 0.0f : part[c] * z->weight_m3;
     }
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
     sum = v3_scale(sum, per_weight);
     out->rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
-    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, out->rules);
+    const float sure = out->rules * min_f(1.0f, area / (SEEN_BY * spacing_m * spacing_m));
+    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, sure);
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
+    out->led_m3 = 0.0f;
     out->weight_m3 = weight;
     out->depth_m = 0.0f;
     out->normal = v3_unit(way, 1e-6f);
@@ -298,12 +306,16 @@ uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_
             h++;
         }
         if (h == count) {
-            make_half(zones, m, r->part[a], whole, &out[h]);
+            make_half(zones, m, r->part[a], whole, scene->meta->spacing_m, &out[h]);
             find_bounds(scene, zones, r, m, a, &out[h]);
             first[count++] = a;
         }
         out[h].zones |= 1u << a;
+        out[h].led_m3 = max_f(out[h].led_m3, zones->zones[a].weight_m3);
         r->half_of[a] = h;
+    }
+    for (uint32_t h = 0; h < count; h++) {
+        out[h].open *= min_f(1.0f, out[h].led_m3 / (MINOR * out[h].weight_m3));
     }
     share_arms(out, count);
     return count;
