@@ -90,7 +90,8 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
     }
 }
 
-/* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it. */
+/* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it, unless the static object surely
+ * ends there. */
 static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes, rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
@@ -112,7 +113,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
             }
             const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
             height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]));
-            steep[i] = h < 0.0f ? leaves : -1.0f;
+            steep[i] = h < 0.0f || q->sure != 0u ? leaves : -1.0f;
         }
         e->curved[e->count] = 0;
         e->normal[e->count++] = q->normal;

@@ -206,8 +206,10 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         if (b == out->bound_count) {
             out->bound_count++;
             bound->part = bound->deep_m = bound->weight_m3 = 0.0f;
+            bound->sure = 0u;
         }
         bound->facet = z->key.surface;
+        bound->sure |= (uint32_t)sure;
         bound->normal = m[c].unit;
         bound->offset_m = -v3_dot(m[c].unit, m[c].touched);
         bound->part = max_f(bound->part, held);

@@ -70,7 +70,8 @@ typedef struct {
     uint32_t facet;
     cr_vec3 normal;
     float offset_m;
-    float part;   /* 0..1: how far it belongs there */
+    float part;    /* 0..1: how far it belongs there */
+    uint32_t sure; /* 1: by the label of a crease: what lies above is not of the convex piece that the half-space leads out of */
     float deep_m; /* of the deepest sample that is nearest to it */
     float weight_m3;
 } cr_way_bound;
