@@ -233,7 +233,7 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e
     }
     const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i], way_m = min_f(most_m, cr_way_longest(at->c, i, &exits));
     const float sure = sure_of(half, steep);
-    return sure < 1.0f ? sure * way_m + (1.0f - sure) * half->rules * min_f(gone_m[i], way_m) : way_m;
+    return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(gone_m[i], way_m) : way_m;
 }
 
 /* Lanes count for a half-space by their exits, each by its part. */
@@ -268,7 +268,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
         steep |= (uint32_t)(w.steep[i] >= trusted) << i;
     }
     left &= lanes & ~w.plain;
-    if ((left & ~steep) != 0u && half->rules > 0.0f) {
+    if ((left & ~steep) != 0u) {
         march(s, at->c, left & ~steep, half->normal, most, gone);
     }
     while (left != 0u) {
