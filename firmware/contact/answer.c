@@ -2,7 +2,7 @@
 #include "contact/way_out.h"
 
 /* A point on which a force along the normal has this moment about the tool origin, nearest to the middle of what is inside. */
-static cr_vec3 acting_point(const cr_way_half *half, cr_vec3 middle) {
+static cr_vec3 point_of_force(const cr_way_half *half, cr_vec3 middle) {
     return v3_mad(v3_cross(half->normal, half->arm_m), half->normal, v3_dot(half->normal, middle));
 }
 
@@ -46,7 +46,7 @@ static void report(const cr_respond_input *in, const cr_way_relations *r, const 
     out->area_m2 = sum_zones(&in->set->way, half->zones, &middle);
     out->force_world_N = v3(0.0f, 0.0f, 0.0f);
     out->normal_world = xform_rotate(in->world_from_tool, half->normal);
-    out->point_world_m = xform_point(in->world_from_tool, acting_point(half, middle));
+    out->point_world_m = xform_point(in->world_from_tool, point_of_force(half, middle));
     out->depth_m = push_m;
     out->offset_m = v3_dot(out->normal_world, out->point_world_m) + push_m;
     out->zone_count = 0u;

@@ -15,13 +15,6 @@
 #define FACE_AIM 0.3f
 #define FACE_STEPS 3
 
-/* W v for one lane. */
-static cr_vec3 spread_times(const struct cr_img_cluster *c, int lane, cr_vec3 v) {
-    return v3(c->wxx[lane] * v.x + c->wxy[lane] * v.y + c->wzx[lane] * v.z,
-              c->wxy[lane] * v.x + c->wyy[lane] * v.y + c->wyz[lane] * v.z,
-              c->wzx[lane] * v.x + c->wyz[lane] * v.y + c->wzz[lane] * v.z);
-}
-
 /* Where a piece of crease that is just outside at p crosses the static surface: the way down is along W g, W the second moment of
  * the piece, which points along it. Returns 0 when that is beyond an end of the piece. */
 static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, const xform *pose, int lane,

@@ -36,8 +36,8 @@ typedef struct {
 /* Planes that are known at the lanes of a cluster. */
 typedef struct {
     uint32_t facet;
-    int curved;         /* 1: the normal is each lane's own */
-    cr_vec3 normal;     /* tool frame */
+    int curved;            /* 1: the normal is each lane's own */
+    cr_vec3 normal;        /* tool frame */
     const float *height_m; /* [CR_LANES] */
 } known;
 
@@ -58,8 +58,6 @@ typedef struct {
     float height_m[CR_WAY_EXITS_MAX][CR_LANES];
     float leaves[CR_WAY_EXITS_MAX][CR_LANES];
 } rows;
-
-static cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
 
 /* How far along the normal each of some lanes has to go until it is outside: steps as long as the distance. */
 static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 way, float most_m,
@@ -231,7 +229,8 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e
             exits.leaves[exits.count++] = e->leaves[k][i];
         }
     }
-    const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i], way_m = min_f(most_m, cr_way_longest(at->c, i, &exits));
+    const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i],
+                way_m = min_f(most_m, cr_way_longest(at->c, i, &exits));
     const float sure = sure_of(half, steep);
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(gone_m[i], way_m) : way_m;
 }
@@ -289,12 +288,13 @@ static float nearness(const survey *s, const spots *at, int i, uint32_t other) {
 /* Lanes count for their zone; where that does not lead, for those that it is related to and they are near to. */
 static void count_in_zone(const survey *s, const spots *at, uint32_t lanes, uint32_t z, const float *part) {
     const cr_way_relations *r = s->relations;
+    cr_way_half *half = s->half;
     float share[CR_LANES];
     if (r->lead[z] > 0.0f) {
         for (int i = 0; i < CR_LANES; i++) {
             share[i] = part[i] * r->lead[z];
         }
-        count_for(s, at, lanes, share, &s->half[r->half_of[z]]);
+        count_for(s, at, lanes, share, &half[r->half_of[z]]);
     }
     for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
         const float related = b == z ? 0.0f : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
@@ -302,7 +302,7 @@ static void count_in_zone(const survey *s, const spots *at, uint32_t lanes, uint
             for (int i = 0; i < CR_LANES; i++) {
                 share[i] = part[i] * related * nearness(s, at, i, b);
             }
-            count_for(s, at, lanes, share, &s->half[r->half_of[b]]);
+            count_for(s, at, lanes, share, &half[r->half_of[b]]);
         }
     }
 }

@@ -7,11 +7,6 @@
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
-static cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec3 v) {
-    return v3(c->wxx[i] * v.x + c->wxy[i] * v.y + c->wzx[i] * v.z, c->wxy[i] * v.x + c->wyy[i] * v.y + c->wyz[i] * v.z,
-              c->wzx[i] * v.x + c->wyz[i] * v.y + c->wzz[i] * v.z);
-}
-
 /* How long the way is to the first exit from a place u beside the middle of the piece; planes that it does not leave through only bound the inside. */
 static float first_exit(const cr_way_exits *e, cr_vec3 u) {
     float least = 3.0e38f;

@@ -175,8 +175,7 @@ static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set
 void cr_way_add_over_planes(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit,
                             const cr_planes *planes, const cr_heights *heights) {
     const uint32_t lanes = begin(f->scene, set, hit);
-    cr_way_over_planes(f->scene, &f->scene->clusters[set->hits[hit].cluster], lanes, planes, heights,
-                       &set->way.layers);
+    cr_way_over_planes(f->scene, &f->scene->clusters[set->hits[hit].cluster], lanes, planes, heights, &set->way.layers);
     add_layers(f->scene, pose, set, hit);
 }
 

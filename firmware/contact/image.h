@@ -150,12 +150,12 @@ struct cr_img_cluster {
     /* Second moment of the sample's piece of surface times 12: g^T w g is the squared width over which a distance with gradient
      * g varies across the piece. m^2. */
     float wxx[CR_LANES], wyy[CR_LANES], wzz[CR_LANES], wxy[CR_LANES], wyz[CR_LANES], wzx[CR_LANES];
-    float ramp[CR_LANES];      /* half the largest such width for a unit gradient: where coverage can begin, m */
-    float reach[CR_LANES];     /* half the length of a crease piece, m; 0 for other samples */
-    float bow[CR_LANES];       /* how far a face sample\'s piece bends back behind its plane, m; 0 where it is flat */
-    uint16_t count;            /* lanes in use */
-    uint16_t vertex_mask;      /* lanes that are corners or other vertices of the mesh */
-    uint16_t crease_mask;      /* lanes that are straight pieces of creases: their middles */
+    float ramp[CR_LANES];  /* half the largest such width for a unit gradient: where coverage can begin, m */
+    float reach[CR_LANES]; /* half the length of a crease piece, m; 0 for other samples */
+    float bow[CR_LANES];   /* how far a face sample\'s piece bends back behind its plane, m; 0 where it is flat */
+    uint16_t count;        /* lanes in use */
+    uint16_t vertex_mask;  /* lanes that are corners or other vertices of the mesh */
+    uint16_t crease_mask;  /* lanes that are straight pieces of creases: their middles */
     uint16_t piece_lanes[CR_PIECES]; /* lanes that belong to each of piece[] */
     uint16_t pad;
     float normal[3];           /* mean outward normal, unit or zero */

@@ -3,7 +3,7 @@
 
 /* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
 #define EXPLAINS 0.5f
-/* Least share of the full width over which a piece fades in. */
+/* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
 #define WIDTH_MIN 0.25f
 
 float cr_way_share(cr_vec3 g, uint32_t side) {

@@ -71,23 +71,6 @@ static float meet(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m) {
     return far > 0.0f ? part_at(max_f(bent, above) / far) : 1.0f;
 }
 
-/* How the creases are labelled at which two patches meet. */
-static uint32_t label_of(const cr_scene *s, uint32_t a, uint32_t b) {
-    const uint32_t first = a < b ? a : b, second = a < b ? b : a;
-    uint32_t low = 0u, high = s->pair_count;
-    while (low < high) {
-        const uint32_t mid = low + (high - low) / 2u;
-        const struct cr_img_pair *p = &s->pairs[mid];
-        if (p->first < first || (p->first == first && p->second < second)) {
-            low = mid + 1u;
-        } else {
-            high = mid;
-        }
-    }
-    return low < s->pair_count && s->pairs[low].first == first && s->pairs[low].second == second ? s->pairs[low].label
-                                                                                                 : 0u;
-}
-
 /* The relation of two zones of one piece: by the label of the crease of their patches where there is but one, else by the means. */
 static float meet_static(const cr_scene *s, const cr_way_zone *za, const cr_way_zone *zb, const means *a,
                          const means *b) {
@@ -95,7 +78,7 @@ static float meet_static(const cr_scene *s, const cr_way_zone *za, const cr_way_
         (za->key.surface == zb->key.surface && (za->key.surface & CR_WAY_CURVED) == 0u)) {
         return 1.0f;
     }
-    const uint32_t label = za->patch == zb->patch ? 0u : label_of(s, za->patch, zb->patch);
+    const uint32_t label = za->patch == zb->patch ? 0u : cr_pair_label(s, za->patch, zb->patch);
     if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
         return label == CR_PAIR_CONVEX ? 1.0f : 0.0f;
     }
@@ -192,7 +175,7 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
     for (uint32_t c = 0; c < zones->count && out->bound_count < CR_WAY_BOUNDS_MAX; c++) {
         const cr_way_zone *z = &zones->zones[c];
         const int sure = a == c || (z->patch != zones->zones[a].patch &&
-                                    label_of(scene, z->patch, zones->zones[a].patch) == CR_PAIR_CONVEX);
+                                    cr_pair_label(scene, z->patch, zones->zones[a].patch) == CR_PAIR_CONVEX);
         const float held =
             r->part[a][c] * (sure ? 1.0f : part_at(rise_of(m[a].touched, m[a].unit, m[c].touched, m[c].unit)));
         if ((z->key.surface & CR_WAY_CURVED) != 0u || !(held > 0.0f)) {

@@ -8,8 +8,6 @@ static inline float dot_zone(const cr_area_work *a, uint32_t i, cr_vec3 v) {
     return v3_dot(a->zones[i].normal_world, v);
 }
 
-static inline cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
-
 /* The part of an area that answers with one plane. */
 typedef struct {
     float share[CR_ZONES_MAX]; /* of each zone, 0..1 */

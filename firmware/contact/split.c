@@ -1,22 +1,6 @@
 /* split: concave creases part the zones of an area into groups that answer with a plane each. DESIGN.md "Concave creases". */
 #include "contact/respond.h"
 
-static uint32_t pair_label(const cr_scene *s, uint32_t a, uint32_t b) {
-    uint32_t first = a < b ? a : b, second = a < b ? b : a;
-    uint32_t low = 0u, high = s->pair_count;
-    while (low < high) {
-        uint32_t mid = low + (high - low) / 2u;
-        const struct cr_img_pair *p = &s->pairs[mid];
-        if (p->first < first || (p->first == first && p->second < second)) {
-            low = mid + 1u;
-        } else {
-            high = mid;
-        }
-    }
-    return low < s->pair_count && s->pairs[low].first == first && s->pairs[low].second == second ? s->pairs[low].label
-                                                                                                 : 0u;
-}
-
 /* Zones of one area that meet each zone, as bits. The label of their crease decides. Where they share creases of both kinds it is
  * concave when each lies above the plane of the other; zones that share none are beside each other when each lies below. */
 typedef struct {
@@ -24,7 +8,7 @@ typedef struct {
 } relations;
 
 static void relate(const cr_scene *s, const cr_area_work *a, uint32_t i, uint32_t j, relations *r) {
-    uint32_t label = pair_label(s, a->zones[i].patch, a->zones[j].patch);
+    uint32_t label = cr_pair_label(s, a->zones[i].patch, a->zones[j].patch);
     cr_vec3 d = v3_sub(a->zones[j].centre_world_m, a->zones[i].centre_world_m);
     float j_above_i = dot_zone(a, i, d), i_above_j = -dot_zone(a, j, d);
     int convex = label == CR_PAIR_CONVEX, concave = label == CR_PAIR_CONCAVE, beside = 0;

@@ -27,6 +27,11 @@ typedef struct {
     float x[CR_LANES], y[CR_LANES], z[CR_LANES];
 } cr_lanes3;
 
+/* Purpose  how the creases are labelled at which two patches meet: CR_PAIR_* bits, 0 for none. */
+uint32_t cr_pair_label(const cr_scene *scene, uint32_t a, uint32_t b);
+
+static inline cr_vec3 lane_of(const cr_lanes3 *l, int i) { return v3(l->x[i], l->y[i], l->z[i]); }
+
 /* Purpose  CRC-32 (IEEE 802.3) of an image with its crc32 field taken as zero. */
 uint32_t cr_image_crc(const uint8_t *image, uint32_t size_bytes);
 
@@ -149,25 +154,26 @@ typedef struct {
 typedef struct {
     cr_way_key key;
     uint32_t patch;
-    float weight_m3; /* sum of depth times area */
-    float area_m2;   /* covered */
-    float deep_m;    /* of the deepest sample, */
+    float weight_m3;   /* sum of depth times area */
+    float area_m2;     /* covered */
+    float deep_m;      /* of the deepest sample, */
     uint32_t deep_hit; /* in this hit */
-    cr_vec3 push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
-    cr_vec3 turn_m4; /* moment of that about the tool origin */
-    cr_vec3 centre_m4;             /* weight times sample */
-    cr_vec3 normal_m3, above_m4;   /* curved: weight times static normal, and that times depth */
-    uint32_t flat;                 /* 1: a plane, height = normal . p + offset */
+    cr_vec3
+        push_m3; /* - sum of depth times area vector: minus the gradient of the integral of the depth over the overlap */
+    cr_vec3 turn_m4;             /* moment of that about the tool origin */
+    cr_vec3 centre_m4;           /* weight times sample */
+    cr_vec3 normal_m3, above_m4; /* curved: weight times static normal, and that times depth */
+    uint32_t flat;               /* 1: a plane, height = normal . p + offset */
     cr_vec3 plane_normal;
     float plane_offset_m;
 } cr_way_zone;
 
 /* What one hit is inside of, so that it need not be looked at again where others are deeper. */
 typedef struct {
-    uint32_t zones;  /* bits */
-    float bound_m;   /* no piece of its samples is anywhere deeper than this below a plane that it is inside of */
-    cr_vec3 toward;  /* a normal of those planes, tool frame */
-    float spread;    /* largest |difference| of the others to it */
+    uint32_t zones; /* bits */
+    float bound_m;  /* no piece of its samples is anywhere deeper than this below a plane that it is inside of */
+    cr_vec3 toward; /* a normal of those planes, tool frame */
+    float spread;   /* largest |difference| of the others to it */
 } cr_way_reach;
 
 /* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
@@ -181,8 +187,8 @@ typedef struct {
 
 typedef struct {
     uint32_t count, dropped;
-    uint32_t near;          /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
-    cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
+    uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
+    cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
     float full_m[CR_LANES]; /* and depths, whatever they count for */
     cr_way_reach reach;
     cr_way_layer layers[CR_WAY_LAYERS_MAX];
@@ -215,6 +221,12 @@ void cr_way_add_over_lookup(const cr_field *field, const xform *world_from_tool,
 
 /* Purpose  the same for a hit that is inside as a whole, its points not looked at yet.   Cost  a lookup where no planes are known. */
 void cr_way_add_whole(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit);
+
+/* W v for one lane: the spread of its piece along v. */
+static inline cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec3 v) {
+    return v3(c->wxx[i] * v.x + c->wxy[i] * v.y + c->wzx[i] * v.z, c->wxy[i] * v.x + c->wyy[i] * v.y + c->wyz[i] * v.z,
+              c->wzx[i] * v.x + c->wyz[i] * v.y + c->wzz[i] * v.z);
+}
 
 /* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
  * Shapes   at: what was looked up at the cluster's points.   Output  coverage[CR_LANES], 0..1.

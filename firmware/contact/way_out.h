@@ -70,8 +70,9 @@ typedef struct {
     uint32_t facet;
     cr_vec3 normal;
     float offset_m;
-    float part;    /* 0..1: how far it belongs there */
-    uint32_t sure; /* 1: by the label of a crease: what lies above is not of the convex piece that the half-space leads out of */
+    float part; /* 0..1: how far it belongs there */
+    uint32_t
+        sure; /* 1: by the label of a crease: what lies above is not of the convex piece that the half-space leads out of */
     float deep_m; /* of the deepest sample that is nearest to it */
     float weight_m3;
 } cr_way_bound;
@@ -84,18 +85,19 @@ typedef struct {
     float weight_m3, depth_m;
     float led_m3;    /* the largest weight of a zone that leads it */
     float curved_m3; /* of the weight, that of curved zones */
-    float deep_m;  /* of the deepest sample in its zones */
-    float open;    /* 0..1: how far the zones have a direction */
-    float rules;   /* 0..1: how far they hold most of the weight */
-    cr_vec3 arm_m; /* torque about the tool origin of a unit force along normal */
+    float deep_m;    /* of the deepest sample in its zones */
+    float open;      /* 0..1: how far the zones have a direction */
+    float rules;     /* 0..1: how far they hold most of the weight */
+    cr_vec3 arm_m;   /* torque about the tool origin of a unit force along normal */
     uint32_t bound_count;
     cr_way_bound bounds[CR_WAY_BOUNDS_MAX];
 } cr_way_half;
 
 /* How zones belong together. */
 typedef struct {
-    cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* mean normal of the static surface, and a point of it */
-    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];            /* 1: one way out, 0: two */
+    cr_vec3 unit[CR_WAY_ZONES_MAX],
+        touched[CR_WAY_ZONES_MAX];                  /* mean normal of the static surface, and a point of it */
+    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two */
     float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
     uint32_t half_of[CR_WAY_ZONES_MAX];
 } cr_way_relations;

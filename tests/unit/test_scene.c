@@ -447,7 +447,8 @@ static void scene_refuses_words_without_meaning(void **state) {
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, count), 1u << 31}, /* a vertex in a lane not in use */
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, crease_mask), 1u << 15},
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, piece_lanes), 1u}, /* lanes of no piece */
-               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, piece_lanes), 0xffff000fu}, /* lanes of a piece that is none */
+               {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, piece_lanes),
+                0xffff000fu},                                                  /* lanes of a piece that is none */
                {CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, beside), 1u}, /* beside itself */
                {CR_SEC_META, offsetof(struct cr_img_meta, piece_count), 0u},
                {CR_SEC_META, offsetof(struct cr_img_meta, piece_count), 65536u},
