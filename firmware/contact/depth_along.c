@@ -22,6 +22,8 @@
 #define SIDE_FULL 0.25f
 
 #define NEVER_M 3.0e38f
+/* Less than any cosine: no plane of this lane. */
+#define NO_PLANE (-2.0f)
 /* A way that is longer than another by less than this is as long, m: on a face that lies flat no sample is looked at twice. */
 #define SLACK_M 1e-7f
 
@@ -111,7 +113,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
             }
             const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
             height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]));
-            steep[i] = h < 0.0f || q->sure != 0u ? leaves : -1.0f;
+            steep[i] = h < 0.0f || q->sure != 0u ? leaves : NO_PLANE;
         }
         e->curved[e->count] = 0;
         e->normal[e->count++] = q->normal;
@@ -190,8 +192,8 @@ static void find_ways(const spots *at, uint32_t lanes, const rows *e, float trus
             }
             const float leaves = e->leaves[k][i], h = e->height_m[k][i];
             const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
-            const int leads = leaves > CR_WAY_LEAVES_MIN, bounds = leads | ((h > 0.0f) & (leaves > -1.0f));
-            const float least = leads ? -(h + reach[i]) * per : NEVER_M;
+            const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
+            const float least = there ? -(h + reach[i]) * per : NEVER_M;
             w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
             w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
             w->steep[i] = higher_f(w->steep[i], leaves);
@@ -223,7 +225,7 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e
     cr_way_exits exits;
     exits.count = 0u;
     for (uint32_t k = 0; k < e->count; k++) {
-        if (e->leaves[k][i] > -1.0f) {
+        if (e->leaves[k][i] > NO_PLANE) {
             exits.normal[exits.count] = e->curved[k] ? lane_of(at->normal, i) : e->normal[k];
             exits.height_m[exits.count] = e->height_m[k][i];
             exits.leaves[exits.count++] = e->leaves[k][i];

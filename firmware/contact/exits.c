@@ -30,10 +30,8 @@ static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_
     uint32_t count = 0u;
     float most = 3.0e38f;
     for (uint32_t k = 0; k < e->count; k++) {
-        if (!(e->leaves[k] > CR_WAY_LEAVES_MIN)) {
-            continue;
-        }
-        const float inverse = -1.0f / e->leaves[k];
+        /* One that is not left through ends the inside where the piece reaches across it. */
+        const float inverse = -1.0f / max_f(e->leaves[k], CR_WAY_LEAVES_MIN);
         rival r = {e->height_m[k] * inverse, v3_scale(e->normal[k], inverse), {0.0f, 0.0f, 0.0f}};
         r.spread = spread_times(c, i, r.gradient);
         most = min_f(most, r.way_m + 0.5f * reach * sqrtf(max_f(0.0f, v3_dot(r.gradient, r.spread))));
