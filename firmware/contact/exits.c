@@ -4,6 +4,10 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
+/* A piece of face counts in full up to so many half-widths from its middle, and fades out from there on: pieces overlap, none leaves a gap. */
+#define FULL_BENT 1.42f
+#define FULL_FLAT 1.0f
+#define FADE 0.4f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
@@ -65,7 +69,9 @@ static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, p.u) : base_m;
     }
-    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - 1.0f), 0.0f, 1.0f);
+    /* Pieces of a bent surface meet in corners 1.41 half-widths away; flat ones may end at a crease, which has samples of its own. */
+    const float full = c->bow[i] > 0.0f ? FULL_BENT : FULL_FLAT;
+    const float part = clamp_f((full + FADE - out) / FADE, 0.0f, 1.0f);
     return part > 0.0f ? base_m + part * (first_exit(e, p.u) - c->bow[i] * out * out - base_m) : base_m;
 }
 

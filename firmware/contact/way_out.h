@@ -9,8 +9,8 @@
 
 #include "contact/stages.h"
 
-/* A piece of face is taken to reach this many half-widths from its middle: pieces overlap, none leaves a gap. */
-#define CR_WAY_REACH 1.4f
+/* A piece of face is taken to reach at most this many half-widths from its middle. */
+#define CR_WAY_REACH 1.82f
 
 /* Width over which the height above a plane varies across a sample's piece, m. The normal has length 1. */
 static inline float cr_way_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
