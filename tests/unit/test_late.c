@@ -93,6 +93,45 @@ static void search_in_pieces_finds_the_same_to_the_bit(void **state) {
     free(motion.wake_m);
 }
 
+/* Searches at a pose, in as many calls as it takes, with so many lookups in each. Returns how many it took. */
+static uint32_t gather_in_calls(cr_motion *motion, const cr_pose *pose, uint32_t lookups, cr_contact_set *set) {
+    const xform at = xform_from_pose(pose);
+    const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, lookups, 1u};
+    cr_search search;
+    cr_stats stats;
+    memset(&search, 0, sizeof search);
+    memset(&stats, 0, sizeof stats);
+    cr_motion_advance(motion, pose);
+    while (!cr_detect(&edge.field, &at, &options, motion, &search, set, &stats)) {
+    }
+    return search.calls;
+}
+
+/* The zones of way_out are gathered while the search goes on. */
+static void zones_gathered_in_pieces_are_the_same_to_the_bit(void **state) {
+    (void)state;
+    cr_motion motion;
+    memset(&motion, 0, sizeof motion);
+    motion.wake_count = edge.scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    uint64_t seed = 4u;
+    uint32_t most = 0u, zones = 0u;
+    for (int i = 0; i < 100; i++) {
+        cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
+        pose.rot = crt_random_rotation(&seed);
+        assert_int_equal(gather_in_calls(&motion, &pose, UINT32_MAX, &whole), 1);
+        const uint32_t calls = gather_in_calls(&motion, &pose, LOOKUPS, &pieces);
+        most = calls > most ? calls : most;
+        zones += whole.way.count;
+        assert_int_equal(pieces.hit_count, whole.hit_count);
+        assert_int_equal(pieces.way.count, whole.way.count);
+        assert_memory_equal(pieces.way.zones, whole.way.zones, whole.way.count * sizeof *whole.way.zones);
+        assert_memory_equal(pieces.way.reach, whole.way.reach, whole.hit_count * sizeof *whole.way.reach);
+    }
+    assert_true(most > 3u && zones > 100u);
+    free(motion.wake_m);
+}
+
 /* Straight into a flat wall the plane is the wall's: carried along, the depth is that of the pose at hand. */
 static void late_force_of_a_wall_is_that_of_the_pose(void **state) {
     (void)state;
@@ -199,6 +238,7 @@ static void late_settings_begin_the_search_anew(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(search_in_pieces_finds_the_same_to_the_bit),
+        cmocka_unit_test(zones_gathered_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),
         cmocka_unit_test(late_force_ends_where_the_tool_leaves),
         cmocka_unit_test(late_force_at_rest_is_the_whole_one),
