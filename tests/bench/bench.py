@@ -41,6 +41,8 @@ COLUMNS = (
     ("direction_p99_deg", "dir p99", "deg", "7.3f"),
     ("direction_max_deg", "dir max", "deg", "7.3f"),
     ("depth_max_mm", "depth", "mm", "7.4f"),
+    ("torque_rms_mm", "T rms", "mm", "7.4f"),
+    ("torque_max_mm", "T max", "mm", "7.4f"),
     ("amplification", "amp", "-", "7.3f"),
     ("amplification_exact", "exact", "-", "7.3f"),
     ("step_max_deg", "step", "deg", "7.3f"),
