@@ -119,6 +119,8 @@ def test_rivals_without_a_point_of_ours_are_an_error() -> None:
 def test_report_says_what_the_csv_beside_it_hold() -> None:
     text = report.REPORT.read_text(encoding="utf-8")
     assert report.filled(text, report.HERE) == text
+    text = report.README.read_text(encoding="utf-8")
+    assert report.filled_readme(text) == text
 
 
 def test_report_without_its_marks_is_an_error() -> None:
