@@ -2,8 +2,8 @@
 
     python tests/bench/bench.py [--scene NAME ...] [--lookups N] [--repeat N] [--json OUT] [--csv OUT] [--figures DIR]
 
-Needs build/scenes and build/meshes (make scenes). `--csv tests/bench/accuracy.csv` is what the tables of README.md and REPORT.md
-come from (tests/bench/report.py writes them).
+Needs build/scenes and build/meshes (make scenes). With `--csv tests/bench/accuracy.csv` and then
+tests/bench/report.py the tables of README.md and REPORT.md are made again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Tables of REPORT.md, and one of README.md, from the CSV beside it; given a folder of results, CSV and pictures come from there.
+"""Tables of REPORT.md, and one of README.md, from the CSV beside it.
+
+Given a folder of results, CSV and pictures come from there:
 
     python tests/bench/report.py [build/bench]          # of make bench-peers
     python tests/bench/report.py build/properties       # of make bench-properties
