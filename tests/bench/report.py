@@ -182,8 +182,8 @@ def filled(text: str, folder: Path) -> str:
     """The report with the tables of the CSV in a folder.   Errors: CreaseError when a mark or a file is missing."""
     points = read_points(folder / "pareto.csv")
     tables = {
-        "accuracy": _accuracy(),
         "settings": _settings(points),
+        "accuracy": _accuracy(),
         "rivals": _rivals(points),
         "verdict": _verdict(points),
         "precision": _precision(folder),
