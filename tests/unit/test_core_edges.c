@@ -261,7 +261,7 @@ static void field_of_one_plane_is_its_height(void **state) {
     crt_close(&rig);
 }
 
-/* Three planes with one direction in common have no vertex: SPEC.md "the edge stays". Distance to the edge of the first two, where
+/* Three planes with one direction in common have no vertex: SPEC.md "Distance at a point": the edge stays. Distance to the edge of the first two, where
  * they meet in the plane y = 0, by Cramer's rule. */
 static void field_of_planes_without_a_vertex_stays_at_the_edge(void **state) {
     (void)state;
