@@ -275,6 +275,7 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py $(if $(QUICK),--scene edge90_cube,--figures build/bench)
 	$(PY) tests/bench/bake.py
+	$(PY) tests/bench/pictures.py -o build$(if $(QUICK),/quick)/bench/pictures
 
 # An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
 PEERS := build/peers

@@ -3,7 +3,7 @@
     python tests/bench/bench.py [--scene NAME ...] [--lookups N] [--repeat N] [--json OUT] [--csv OUT] [--figures DIR]
 
 Needs build/scenes and build/meshes (make scenes). With `--csv tests/bench/accuracy.csv` and then
-tests/bench/report.py the tables of README.md and REPORT.md are made again.
+tests/bench/scene_tables.py the tables of README.md and REPORT.md are made again.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Tables of REPORT.md, and one of README.md, from the CSV beside it.
-
-Given a folder of results, CSV and pictures come from there:
+"""Tables of REPORT.md from the CSV beside it; given a folder of results, CSV and pictures come from there.
 
     python tests/bench/report.py [build/bench]          # of make bench-peers
     python tests/bench/report.py build/properties       # of make bench-properties
@@ -23,7 +21,6 @@ from study.properties.tables import markdown, read_csv, scene_table, summary_tab
 
 HERE = Path(__file__).resolve().parent
 REPORT = HERE / "REPORT.md"
-README = HERE.parents[1] / "README.md"
 PEERS_FILES = ("pareto.csv", "precision.csv", "pareto.png", "pareto_more.png", "precision.png")
 PROPERTIES_FILES = (
     "properties.csv",
@@ -117,54 +114,6 @@ def _precision(folder: Path) -> str:
     return _table(heads, rows)
 
 
-METHODS = {"soft": "zones, soft", "hard": "zones, hard", "fixed45": "fixed 45"}
-"""As accuracy.csv has them, and as tables name them."""
-TESSELLATIONS = ("edge90_cube_", "wall_cube_")
-"""Scenes that differ from another in the tool's triangles only: not in the tables."""
-
-
-def _accuracy_rows() -> list[dict[str, str]]:
-    """Rows of accuracy.csv, which `bench.py --csv` writes."""
-    with (HERE / "accuracy.csv").open(encoding="utf-8", newline="") as file:
-        return [row for row in csv.DictReader(file) if not row["scene"].startswith(TESSELLATIONS)]
-
-
-def _errors(row: dict[str, str]) -> tuple[str, ...]:
-    def pair(*keys: str) -> str:
-        return " / ".join(f"{float(row[key]):.{2 if 'deg' in key else 4}f}" for key in keys)
-
-    def beside(key: str, exact: str) -> str:
-        return f"{float(row[key]):.2f} ({float(row[exact]):.2f})"
-
-    return (
-        pair("force_rms_mm", "force_max_mm"),
-        pair("torque_rms_mm", "torque_max_mm"),
-        pair("direction_p99_deg", "direction_max_deg"),
-        f"{float(row['depth_max_mm']):.4f}",
-        beside("amplification", "amplification_exact"),
-        beside("step_max_deg", "step_exact_deg"),
-    )
-
-
-ERROR_HEADS = ("force, mm RMS / max", "torque, mm RMS / max", "direction p99 / max, deg", "depth, mm",
-               "amplification (exact)", "step (exact), deg")  # fmt: skip
-
-
-def _accuracy() -> str:
-    """Every scene and method."""
-    rows = [
-        (row["scene"] if row["method"] == "soft" else "", METHODS[row["method"]], *_errors(row))
-        for row in _accuracy_rows()
-    ]
-    return _table(("scene", "method", *ERROR_HEADS), rows)
-
-
-def _accuracy_short() -> str:
-    """Every scene, default settings."""
-    rows = [(r["scene"], *_errors(r)) for r in _accuracy_rows() if r["method"] == "soft"]
-    return _table(("scene", *ERROR_HEADS), rows)
-
-
 def _properties(folder: Path) -> dict[str, str]:
     """Tables of the judge: every response, the zone method now, and as it was before its force was defined anew."""
     now, before = (
@@ -183,25 +132,15 @@ def filled(text: str, folder: Path) -> str:
     points = read_points(folder / "pareto.csv")
     tables = {
         "settings": _settings(points),
-        "accuracy": _accuracy(),
         "rivals": _rivals(points),
         "verdict": _verdict(points),
         "precision": _precision(folder),
         **_properties(folder),
     }
-    return _between_marks(text, tables, REPORT.name)
-
-
-def filled_readme(text: str) -> str:
-    """README.md with its table of scenes.   Errors: CreaseError when a mark or a file is missing."""
-    return _between_marks(text, {"table": _accuracy_short()}, README.name)
-
-
-def _between_marks(text: str, tables: dict[str, str], file: str) -> str:
     for name, table in tables.items():
         begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
         if text.count(begin) != 1 or text.count(end) != 1:
-            raise CreaseError(f"{file}: '{begin}' and '{end}' must stand there once")
+            raise CreaseError(f"{REPORT.name}: '{begin}' and '{end}' must stand there once")
         head, rest = text.split(begin)
         text = f"{head}{begin}\n{table}\n{end}{rest.split(end)[1]}"
     return text
@@ -215,7 +154,6 @@ def main() -> int:
             for name in PROPERTIES_FILES if (folder / "properties.csv").exists() else PEERS_FILES:
                 shutil.copyfile(folder / name, HERE / name)
         REPORT.write_text(filled(REPORT.read_text(encoding="utf-8"), HERE), encoding="utf-8")
-        README.write_text(filled_readme(README.read_text(encoding="utf-8")), encoding="utf-8")
     except (OSError, CreaseError) as error:
         print(
             f"error: {error}; run `make bench-peers` or `make bench-properties` first",
