@@ -1,6 +1,6 @@
 """The pictures of firmware/contact/DESIGN.md, from replays of the test scenes and from tests/bench/pareto.csv.
 
-    python tests/bench/pictures.py [-o FOLDER]      # firmware/contact, 5 s; needs build/scenes (make scenes)
+    python tests/bench/pictures.py [-o FOLDER]      # make pictures: firmware/contact, 5 s; needs build/scenes
 
 The same files on every run, up to the last bits of a bake on another processor.
 """
