@@ -272,6 +272,10 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*)\.[ch]$$' --branches --print-summary \
 	    --fail-under-line 100 --fail-under-branch 95 build/cov
 
+.PHONY: pictures
+pictures: build/.host build/scenes/.stamp ## pictures of firmware/contact/DESIGN.md, anew from replays
+	$(PY) tests/bench/pictures.py $(if $(QUICK),-o build/quick/pictures)
+
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py $(if $(QUICK),--scene edge90_cube,--figures build/bench)
 	$(PY) tests/bench/bake.py

@@ -9,7 +9,7 @@
  * Units    SI. Axis 0 is the guide (m, N), axes 1 and 2 the arm (rad, N m): "joint unit" is m or rad, "joint torque" N or N m.
  * Trouble  a limit reduces the torque, keeps running and is counted; a fault commands zero torque in the same tick and
  *          latches until CR_COMMAND_CLEAR. Every number on the bus and in the record is finite.
- * Bus      CANopen as SPEC.md has it: CiA 301, CiA 402, three drives in cyclic synchronous torque. */
+ * Bus      CANopen as servo/SPEC.md has it: CiA 301, CiA 402, three drives in cyclic synchronous torque. */
 #ifndef CREASE_SERVO_H
 #define CREASE_SERVO_H
 
@@ -99,7 +99,7 @@ typedef struct {
     float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
 } cr_servo_config;
 
-/* Purpose  the LHifAM of DESIGN.md. Every number of it is assumed, none is measured on a device. */
+/* Purpose  the LHifAM of sim/DESIGN.md. Every number of it is assumed, none is measured on a device. */
 cr_servo_config cr_servo_config_default(void);
 
 /* Purpose  what is wrong with a configuration.   Output  null when it is valid, else a static line that names the field and
@@ -240,7 +240,7 @@ typedef struct {
 
 /* ------------------------------------------------------------------------------------------------------ record */
 
-/* One tick: all its inputs, so that it can be run again, and what came of them. 512 bytes, little-endian; see SPEC.md. */
+/* One tick: all its inputs, so that it can be run again, and what came of them. 512 bytes, little-endian; see servo/SPEC.md. */
 typedef struct {
     /* inputs */
     uint32_t tick;

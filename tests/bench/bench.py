@@ -1,15 +1,17 @@
 """Accuracy of every test scene against the exact reference, and the cost of a tick, with the machine's name.
 
-    python tests/bench/bench.py [--scene NAME ...] [--lookups N] [--repeat N] [--json OUT] [--figures DIR]
+    python tests/bench/bench.py [--scene NAME ...] [--lookups N] [--repeat N] [--json OUT] [--csv OUT] [--figures DIR]
 
-Needs build/scenes and build/meshes (make scenes). Figures written in tests/bench/ of the repository come from here.
+Needs build/scenes and build/meshes (make scenes). With `--csv tests/bench/accuracy.csv` and then
+tests/bench/scene_tables.py the tables of README.md and REPORT.md are made again.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, fields, replace
 from pathlib import Path
 
 import matplotlib
@@ -41,6 +43,8 @@ COLUMNS = (
     ("direction_p99_deg", "dir p99", "deg", "7.3f"),
     ("direction_max_deg", "dir max", "deg", "7.3f"),
     ("depth_max_mm", "depth", "mm", "7.4f"),
+    ("torque_rms_mm", "T rms", "mm", "7.4f"),
+    ("torque_max_mm", "T max", "mm", "7.4f"),
     ("amplification", "amp", "-", "7.3f"),
     ("amplification_exact", "exact", "-", "7.3f"),
     ("step_max_deg", "step", "deg", "7.3f"),
@@ -69,6 +73,16 @@ def accuracy_table(
             values = " ".join(f"{getattr(found, key):{form}}" for key, _, _, form in COLUMNS)
             print(f"{name:16s} {method:8s} {values}", flush=True)
     return results
+
+
+def write_accuracy(file: Path, results: dict[str, dict[str, Accuracy]]) -> None:
+    """A row for each scene and method: every measure, four digits."""
+    with file.open("w", encoding="utf-8", newline="") as out:
+        rows = csv.writer(out, lineterminator="\n")
+        rows.writerow(("scene", "method", *(f.name for f in fields(Accuracy))))
+        for scene, methods in results.items():
+            for method, found in methods.items():
+                rows.writerow((scene, method, *(f"{value:.4g}" for value in astuple(found))))
 
 
 def cost_of(name: str, spec: SceneSpec, repeat: int) -> dict[str, float]:
@@ -184,11 +198,14 @@ def main() -> None:
     parser.add_argument(
         "--figures", type=Path, help="draw each scene beside the exact curve in this folder"
     )
+    parser.add_argument("--csv", type=Path, help="write the figures of accuracy here")
     args = parser.parse_args()
     specs = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)
     specs = {n: s for n, s in specs.items() if not args.scene or n in args.scene}
     print(f"machine: {machine()}\n")
     accuracy = accuracy_table(specs, args.lookups)
+    if args.csv:
+        write_accuracy(args.csv, accuracy)
     cost = cost_table(specs, args.repeat)
     if args.figures:
         for name in accuracy:

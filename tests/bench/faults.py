@@ -70,7 +70,7 @@ def _kind(kind: str, rule: Rule, after: int = AFTER_TICKS, **what: Any) -> Kind:
     return Kind(rule, {"kind": kind, **what}, after)
 
 
-# It shows when the torque on the joint swings, not before; see firmware/SPEC.md.
+# It shows when the torque on the joint swings, not before; see firmware/servo/SPEC.md.
 STUCK, STUCK_TICKS = Rule(faults=("stuck",), always=False), 1000
 GONE = Rule(limit_by=1, zero_by=3, faults=("silent",))
 STATE_Y, STATE_Z, WRIST, TORQUE = 0x192, 0x193, 0x194, 0x181

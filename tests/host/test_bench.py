@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "bench")]
 
 import report  # noqa: E402
+import scene_tables  # noqa: E402
 
 IMAGE = ROOT / "build/scenes/edge90_cube.crs"
 EXACT = read_exact(ROOT / "tests/golden/exact/edge90_cube.csv.gz")
@@ -119,6 +120,13 @@ def test_rivals_without_a_point_of_ours_are_an_error() -> None:
 def test_report_says_what_the_csv_beside_it_hold() -> None:
     text = report.REPORT.read_text(encoding="utf-8")
     assert report.filled(text, report.HERE) == text
+
+
+def test_tables_of_every_scene_say_what_the_csv_holds() -> None:
+    for page, text in scene_tables.filled().items():
+        assert page.read_text(encoding="utf-8") == text
+    with pytest.raises(CreaseError, match="table"):
+        scene_tables.with_table("no marks here", "table", "")
 
 
 def test_report_without_its_marks_is_an_error() -> None:

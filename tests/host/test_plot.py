@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crease.base.table import read_table
 from crease.draw.corner import CornerCase, draw_corner, section_xz
-from crease.draw.plot import draw_ticks, forces_N, save_figure, turn_deg
+from crease.draw.plot import draw_ticks, forces_N, save_figure, torques_Nm, turn_deg
 from crease.mesh.mesh import load_mesh
 from host_tools import Run
 from hypothesis import given
@@ -54,10 +54,18 @@ def test_several_tables_share_a_figure_with_their_names(
 def test_panels_hold_the_numbers_of_the_table(press_out: Path) -> None:
     table = read_table(press_out)
     axes = draw_ticks([table], ["press"]).axes
-    assert len(axes) == 4
+    assert len(axes) == 5
+    torque_Nm = np.linalg.norm(torques_Nm(table), axis=1)
+    assert torque_Nm.any()
     assert np.array_equal(axes[0].lines[0].get_ydata(), np.linalg.norm(forces_N(table), axis=1))
-    assert np.array_equal(axes[1].lines[0].get_ydata(), 1e3 * table["depth_m"])
-    assert np.array_equal(axes[3].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
+    assert np.array_equal(axes[1].lines[0].get_ydata(), torque_Nm)
+    assert np.array_equal(axes[2].lines[0].get_ydata(), 1e3 * table["depth_m"])
+    assert np.array_equal(axes[4].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
+
+
+def test_table_without_torque_has_no_panel_for_it(press_out: Path) -> None:
+    table = {k: v for k, v in read_table(press_out).items() if not k.endswith("_Nm")}
+    assert "torque" not in " ".join(axes.get_ylabel() for axes in draw_ticks([table], ["a"]).axes)
 
 
 def test_same_table_gives_the_same_svg(folder: Path, press_out: Path, crease: Run) -> None:

@@ -1,4 +1,4 @@
-"""firmware/SPEC.md tells the truth: its tables are the C structs, and an image can be read by that page alone."""
+"""SPEC.md and servo/SPEC.md tell the truth: tables are the C structs, an image can be read by its page alone."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from crease.base.scene import Scene, open_scene
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TEXT = (ROOT / "firmware" / "SPEC.md").read_text(encoding="utf-8")
+SERVO_TEXT = (ROOT / "firmware" / "servo" / "SPEC.md").read_text(encoding="utf-8")
 
 C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i16": "int16_t", "f32": "float"}
 NUMPY_TYPES = {"u8": "u1", "u16": "<u2", "u32": "<u4", "i16": "<i2", "f32": "<f4"}
@@ -89,7 +90,7 @@ RECORD_SIZES = {"u8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4, "f32": 4, "u64"
 
 
 def test_record_of_a_tick_is_laid_out_as_in_c_and_without_gaps() -> None:
-    body = TEXT[TEXT.index("### `cr_record`, 512 bytes") :]
+    body = SERVO_TEXT[SERVO_TEXT.index("### `cr_record`, 512 bytes") :]
     rows = RECORD_ROW.findall(body)
     in_c = {name: (f.offset, ffi.sizeof(f.type)) for name, f in ffi.typeof("cr_record").fields}
     at = 0
@@ -106,7 +107,7 @@ def test_bits_of_faults_and_limits_have_the_names_of_c() -> None:
         ("Fault bits:", lib.cr_servo_fault_text),
         ("Limit bits:", lib.cr_limit_text),
     ):
-        line = TEXT[TEXT.index(head) + len(head) :].split(".")[0]
+        line = SERVO_TEXT[SERVO_TEXT.index(head) + len(head) :].split(".")[0]
         for item in line.split(","):
             bit, name = item.split()
             assert ffi.string(text(1 << int(bit))).decode() == name

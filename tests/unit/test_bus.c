@@ -1,4 +1,4 @@
-/* The CANopen manager against byte vectors written by hand from the tables of CiA 301, CiA 402 and SPEC.md. */
+/* The CANopen manager against byte vectors written by hand from the tables of CiA 301, CiA 402 and servo/SPEC.md. */
 #include "sdo_server.h"
 #include "servo/servo_stages.h"
 

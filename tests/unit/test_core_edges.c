@@ -261,8 +261,8 @@ static void field_of_one_plane_is_its_height(void **state) {
     crt_close(&rig);
 }
 
-/* Three planes with one direction in common have no vertex: SPEC.md "the edge stays". Distance to the edge of the first two, where
- * they meet in the plane y = 0, by Cramer's rule. */
+/* Three planes with one direction in common have no vertex, the edge stays: SPEC.md "Distance at a point". Distance to the
+ * edge of the first two, where they meet in the plane y = 0, by Cramer's rule. */
 static void field_of_planes_without_a_vertex_stays_at_the_edge(void **state) {
     (void)state;
     const double angle[3] = {3.014119641543828, 0.374436162931669, 1.8870889886223299};

@@ -139,7 +139,7 @@ static void head_refuses_what_it_did_not_write(void **state) {
     }
 }
 
-/* SPEC.md: the layout that other programs read. */
+/* servo/SPEC.md: the layout that other programs read. */
 static void record_layout_is_the_documented_one(void **state) {
     (void)state;
     assert_int_equal(sizeof(cr_record), 512);

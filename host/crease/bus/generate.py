@@ -1,4 +1,4 @@
-"""Rewrites what is committed and comes from dictionary.toml: sim/dictionary.h and the tables of firmware/SPEC.md.
+"""Rewrites what is committed and comes from dictionary.toml: sim/dictionary.h and the tables of firmware/servo/SPEC.md.
 
     python -m crease.bus.generate [--check]
 
@@ -29,7 +29,7 @@ def with_tables(text: str, tables: str) -> str:
 def committed() -> dict[Path, str]:
     """Every committed file that is generated, with the text it must have."""
     dictionary = load()
-    page = SIM.parent / "firmware" / "SPEC.md"
+    page = SIM.parent / "firmware" / "servo" / "SPEC.md"
     return {
         SIM / "dictionary.h": to_c_header(dictionary),
         page: with_tables(page.read_text(encoding="utf-8"), to_markdown(dictionary)),

@@ -1,4 +1,4 @@
-"""The C table of the simulated drives, and the tables of firmware/SPEC.md."""
+"""The C table of the simulated drives, and the tables of firmware/servo/SPEC.md."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _frame_name(pdo: Pdo, axis: Axis) -> str:
 def to_markdown(dictionary: Dictionary) -> str:
     """The tables of frames, axes and objects as Markdown."""
     rows = [
-        "### Frames of the bus as the host sets it up",
+        "#### Frames of the bus as the host sets it up",
         "",
         "| COB-ID | name | bytes | carries |",
         "|---|---|---|---|",
@@ -93,7 +93,7 @@ def to_markdown(dictionary: Dictionary) -> str:
             rows.append(f"| 0x{pdo.cob:03X} | {_frame_name(pdo, axis)} | {pdo.bytes} | {what} |")
     rows += [
         "",
-        "### Axes",
+        "#### Axes",
         "",
         "| axis | node | joint | one count of 0x6064 | rated torque 0x6076 | 0x6072 |",
         "|---|---|---|---|---|---|",
@@ -105,7 +105,7 @@ def to_markdown(dictionary: Dictionary) -> str:
     ]
     rows += [
         "",
-        "### Objects of a drive at power-on",
+        "#### Objects of a drive at power-on",
         "",
         "| object | name | type | access | PDO | value |",
         "|---|---|---|---|---|---|",

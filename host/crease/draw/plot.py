@@ -1,4 +1,4 @@
-"""Figures of tables of ticks: force, depth, change of direction, cost."""
+"""Figures of tables of ticks: force, torque, depth, change of direction, cost."""
 
 from __future__ import annotations
 
@@ -51,6 +51,11 @@ def forces_N(table: Table) -> npt.NDArray[np.float64]:
     return np.stack([np.asarray(table[f"f{axis}_N"], dtype=np.float64) for axis in "xyz"], axis=1)
 
 
+def torques_Nm(table: Table) -> npt.NDArray[np.float64]:
+    """Torque about the tool origin of every tick, (n, 3)."""
+    return np.stack([np.asarray(table[f"t{axis}_Nm"], dtype=np.float64) for axis in "xyz"], axis=1)
+
+
 def turn_deg(force_N: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Angle between the forces of neighbouring ticks, (n,); NaN at the first tick and where either has none."""
     size = np.linalg.norm(force_N, axis=1)
@@ -83,21 +88,26 @@ def save_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
 
 
 def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None = None) -> Figure:
-    """Four panels over time: force, depth, direction change per tick, cost of a tick; one colour for each table.
+    """Panels over time: force, torque, depth, direction change per tick, cost of a tick; one colour for each table.
 
-    Shapes: each table has the columns of `crease.replay.replay.ANSWER_COLUMNS`, of its own length.
+    Shapes: each table has the columns of `crease.replay.replay.ANSWER_COLUMNS`, of its own length; without those of the
+    torque in any of them that panel is left out.
     """
     import matplotlib as mpl
 
+    with_torque = all("tx_Nm" in table for table in tables)
+    heights = [2.0] if len(tables) == 1 else [1.5, 2.0]
+    heights += [1.3] * (3 + with_torque)
     with mpl.rc_context(STYLE):
-        figure = new_figure(9.0, 9.5 if len(tables) == 1 else 11.0)
-        heights = [2.0, 1.3, 1.3, 1.3] if len(tables) == 1 else [1.5, 2.0, 1.3, 1.3, 1.3]
+        figure = new_figure(9.0, 1.4 * sum(heights) + 1.2)
         panels = list(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
         if len(tables) == 1:
             _draw_force(panels.pop(0), tables[0])
         else:
             _draw_magnitudes(panels.pop(0), tables, names)
             _draw_components(panels.pop(0), tables)
+        if with_torque:
+            _draw_torque(panels.pop(0), tables)
         _draw_depth(panels[0], tables)
         _draw_turn(panels[1], tables)
         _draw_cost(panels[2], tables)
@@ -154,6 +164,13 @@ def _draw_components(axes: Axes, tables: Sequence[Table]) -> None:
     for mark, axis in zip(marks, "xyz", strict=True):
         mark.set_label(f"F{axis}")
     legend_beside(axes, marks)
+
+
+def _draw_torque(axes: Axes, tables: Sequence[Table]) -> None:
+    for table, pen in _pens(tables):
+        axes.plot(table["t_s"], np.linalg.norm(torques_Nm(table), axis=1), **pen)
+    axes.set_ylabel("|torque|, N m")
+    axes.set_ylim(bottom=0.0)
 
 
 def _draw_depth(axes: Axes, tables: Sequence[Table]) -> None:

@@ -1,6 +1,6 @@
 """The exact contact of two solids in one pose, from a boolean of their meshes.
 
-For contact areas with convex creases (firmware/DESIGN.md "Zones and area normal"): F* = k d* n*, n* against the
+For contact areas with convex creases (firmware/contact/ZONES.md "Zones and area normal"): F* = k d* n*, n* against the
 gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own,
 and add up.
 """

@@ -103,9 +103,29 @@ def loop_energy(force_N: F64, position_m: F64, stiffness_N_m: float) -> float:
     return work_J / stored_J if stored_J > 0.0 else 0.0
 
 
+def torque_error_m(torque_Nm: F64, exact_Nm: F64, stiffness_N_m: float, radius_m: float) -> F64:
+    """|torque - exact| / (k R), (n,), in m: the wrong force at the tool's rim that twists it as much, over k.
+
+    Shapes: torques (n, 3) about the tool origin, in one frame. R: radius of the sphere about the tool origin that holds
+    the tool; with it a long tool is not judged harder than a short one, and errors of torque and force compare.
+    """
+    return np.asarray(
+        np.linalg.norm(torque_Nm - exact_Nm, axis=1) / (stiffness_N_m * radius_m), np.float64
+    )
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What a tool feels along a path: force_N (n, 3), depth_m (n,), torque_Nm (n, 3) about its origin or None."""
+
+    force_N: F64
+    depth_m: F64
+    torque_Nm: F64 | None = None
+
+
 @dataclass(frozen=True)
 class Accuracy:
-    """A replay against the exact reference. Lengths in mm, angles in degrees."""
+    """A replay against the exact reference. Lengths in mm, angles in degrees; torque over stiffness and tool radius."""
 
     force_rms_mm: float
     force_max_mm: float
@@ -113,6 +133,8 @@ class Accuracy:
     direction_max_deg: float
     depth_rms_mm: float
     depth_max_mm: float
+    torque_rms_mm: float
+    torque_max_mm: float
     amplification: float
     amplification_exact: float
     step_max_deg: float
@@ -121,31 +143,37 @@ class Accuracy:
 
 
 def compare(
-    force_N: F64,
-    depth_m: F64,
-    exact_force_N: F64,
-    exact_depth_m: F64,
-    stiffness_N_m: float,
-    moved_m: F64,
+    felt: Felt, exact: Felt, stiffness_N_m: float, radius_m: float, moved_m: F64
 ) -> Accuracy:
-    """Every measure of one replay. Shapes: (n, 3) forces, (n,) depths, (n - 1,) moved_m."""
-    contact = (exact_depth_m > 0) | (depth_m > 0)
-    deep = (exact_depth_m > DEEP_M) & (
-        np.linalg.norm(exact_force_N, axis=1) > stiffness_N_m * DEEP_M
-    )
-    force_mm = np.linalg.norm(force_N - exact_force_N, axis=1) / stiffness_N_m * 1e3
-    depth_mm = np.abs(depth_m - exact_depth_m) * 1e3
-    turn = angle_deg(force_N, exact_force_N)[deep]
+    """Every measure of one replay against its exact values at the same ticks.
+
+    Shapes: moved_m (n - 1,). radius_m: of the tool, see `torque_error_m`. Torques are NaN where either side has none.
+    """
+    contact = (exact.depth_m > 0) | (felt.depth_m > 0)
+    exact_N = exact.force_N
+    deep = (exact.depth_m > DEEP_M) & (np.linalg.norm(exact_N, axis=1) > stiffness_N_m * DEEP_M)
+    force_mm = np.linalg.norm(felt.force_N - exact_N, axis=1) / stiffness_N_m * 1e3
+    depth_mm = np.abs(felt.depth_m - exact.depth_m) * 1e3
+    torque_mm = np.full(len(force_mm), np.nan)
+    if felt.torque_Nm is not None and exact.torque_Nm is not None:
+        torque_mm = 1e3 * torque_error_m(felt.torque_Nm, exact.torque_Nm, stiffness_N_m, radius_m)
+    turn = angle_deg(felt.force_N, exact_N)[deep]
     return Accuracy(
-        float(np.sqrt((force_mm[contact] ** 2).mean())) if contact.any() else 0.0,
+        _rms(force_mm[contact]),
         float(force_mm.max(initial=0.0)),
         float(np.percentile(turn, 99)) if len(turn) else 0.0,
         float(turn.max(initial=0.0)),
-        float(np.sqrt((depth_mm[contact] ** 2).mean())) if contact.any() else 0.0,
+        _rms(depth_mm[contact]),
         float(depth_mm.max(initial=0.0)),
-        amplification(force_N, stiffness_N_m, moved_m),
-        amplification(exact_force_N, stiffness_N_m, moved_m),
-        float(direction_steps_deg(force_N, deep).max(initial=0.0)),
-        float(direction_steps_deg(exact_force_N, deep).max(initial=0.0)),
+        _rms(torque_mm[contact]),
+        float(torque_mm.max(initial=0.0)),
+        amplification(felt.force_N, stiffness_N_m, moved_m),
+        amplification(exact_N, stiffness_N_m, moved_m),
+        float(direction_steps_deg(felt.force_N, deep).max(initial=0.0)),
+        float(direction_steps_deg(exact_N, deep).max(initial=0.0)),
         int(contact.sum()),
     )
+
+
+def _rms(values: F64) -> float:
+    return float(np.sqrt((values**2).mean())) if len(values) else 0.0

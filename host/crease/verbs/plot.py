@@ -26,8 +26,9 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "plot",
         help="draw tables of ticks, or a run of the loop",
-        description="Draw force, depth, change of direction and cost of every tick of replays; or, of one recording or "
-        "table of `crease hil`: contact, commanded and felt force, energy, timing of the bus, state, limits, faults.",
+        description="Draw force, torque, depth, change of direction and cost of every tick of replays; or, of one "
+        "recording or table of `crease hil`: contact, commanded "
+        "and felt force, energy, timing of the bus, state, limits, faults.",
     )
     parser.add_argument(
         "tables",

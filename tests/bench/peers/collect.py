@@ -13,12 +13,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from crease.replay.measures import DEEP_M, angle_deg, compare
+from crease.replay.measures import DEEP_M, Felt, angle_deg, compare
 from crease.replay.trajectory import load_trajectory
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from study.against_exact import exact_force_N, read_exact  # noqa: E402
+from study.against_exact import exact_felt, read_exact  # noqa: E402
 from study.points import Point, write_records  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -34,13 +34,13 @@ def point_of(file: Path) -> Point:
         k: v[::every] for k, v in read_exact(ROOT / f"tests/golden/exact/{path}.csv.gz").items()
     }
     rows = load_trajectory(ROOT / f"build/meshes/{path}.csv").rows[::every]
-    true_N = exact_force_N(exact, STIFFNESS_N_M)
     force_N = STIFFNESS_N_M * found["depth_m"][:, None] * found["normal"]
     moved = np.linalg.norm(np.diff(rows[:, 1:4], axis=0), axis=1)
-    a = compare(force_N, found["depth_m"], true_N, exact["depth_mm"] * 1e-3, STIFFNESS_N_M, moved)
-    deep = np.linalg.norm(true_N, axis=1) > STIFFNESS_N_M * DEEP_M
+    true = exact_felt(exact, STIFFNESS_N_M)
+    a = compare(Felt(force_N, found["depth_m"]), true, STIFFNESS_N_M, math.nan, moved)
+    deep = np.linalg.norm(true.force_N, axis=1) > STIFFNESS_N_M * DEEP_M
     silent = 1.0 - float(force_N[deep].any(axis=1).mean())
-    turn = angle_deg(force_N, true_N)[deep & force_N.any(axis=1)]
+    turn = angle_deg(force_N, true.force_N)[deep & force_N.any(axis=1)]
     us = found["time_us"][exact["depth_mm"] > 0]
     depth_mm = 1e3 * found["depth_m"][deep] - exact["depth_mm"][deep]
     print(

@@ -11,13 +11,13 @@ import numpy.typing as npt
 from crease.base.errors import CreaseError
 from crease.base.scene import Scene
 from crease.lab.setup import Setup
-from crease.replay.measures import Accuracy, compare, motion_m
+from crease.replay.measures import Accuracy, Felt, compare, motion_m
 from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory
 
 F64 = npt.NDArray[np.float64]
 Exact = dict[str, F64]
-"""Columns of an exact table: depth_mm, fx_mm, fy_mm, fz_mm (force over stiffness)."""
+"""Columns of an exact table: depth_mm; fx_mm, fy_mm, fz_mm and torque_x_mm2, ...: force and torque over stiffness."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,21 @@ def exact_force_N(exact: Exact, stiffness_N_m: float) -> F64:
     return np.column_stack([exact[f"f{a}_mm"] for a in "xyz"]) * 1e-3 * stiffness_N_m
 
 
+def exact_felt(exact: Exact, stiffness_N_m: float) -> Felt:
+    """Force, depth and torque of every row."""
+    torque_m2 = np.column_stack([exact[f"torque_{a}_mm2"] for a in "xyz"]) * 1e-6
+    depth_m = exact["depth_mm"] * 1e-3
+    return Felt(exact_force_N(exact, stiffness_N_m), depth_m, torque_m2 * stiffness_N_m)
+
+
 def measure(scene: Scene, path: Trajectory, exact: Exact, options: ReplayOptions) -> Accuracy:
     """One replay against the exact table of its path."""
     rows = run_path(scene, path, options)
+    felt = Felt(*(rows[name].astype(np.float64) for name in ("force_N", "depth_m", "torque_Nm")))
     return compare(
-        rows["force_N"].astype(np.float64),
-        rows["depth_m"].astype(np.float64),
-        exact_force_N(exact, options.stiffness_N_m),
-        exact["depth_mm"] * 1e-3,
+        felt,
+        exact_felt(exact, options.stiffness_N_m),
         options.stiffness_N_m,
+        float(scene.meta.tool_radius_m),
         motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene)),
     )
