@@ -41,7 +41,7 @@ PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
 C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
-PY_LINT := $(wildcard host/crease host/native meshes tests)
+PY_LINT := $(wildcard host/crease host/native host/backend meshes tests)
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile firmware/port/cortex-m7/device.mk
@@ -432,7 +432,10 @@ lint-ruff:
 
 lint-mypy:
 	$(PY) -m mypy --config-file host/pyproject.toml host/crease
-	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard meshes tests)
+	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard host/backend meshes tests)
+
+licences: $(VENV)/.develop build/.npm ## collect the licences of other authors: host/THIRD_PARTY.md
+	$(PY) host/backend/third_party.py
 
 format: $(VENV)/.develop ## rewrite C and Python in the house format
 	clang-format -i $(C_ALL)
@@ -443,5 +446,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

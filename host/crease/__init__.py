@@ -5,4 +5,28 @@ scene image), `replay` (the firmware's own C code along a path), `bus`, `loop` (
 paper's experiments), `verbs`. `cli` is the command `crease`.
 """
 
-__version__ = "0.1.0"
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from crease.base.version import VERSION as __version__  # noqa: N811
+
+__all__ = ["__version__"]
+
+_PLACES = {"__version__": ("crease.base.version", "VERSION")}
+"""Where each public name stands. It is imported when it is first asked for: `import crease` alone loads nothing."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'crease' has no attribute '{name}'")
+    module, inside = _PLACES[name]
+    value = getattr(import_module(module), inside)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

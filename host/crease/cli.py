@@ -10,8 +10,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-from crease import __version__
 from crease.base.errors import CreaseError
+from crease.base.version import VERSION
 from crease.verbs import (
     bake,
     bench,
@@ -37,7 +37,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog="crease",
         description="Stable haptic contact between a rigid tool and a rigid mock-up.",
     )
-    parser.add_argument("--version", action="version", version=f"crease {__version__}")
+    parser.add_argument("--version", action="version", version=f"crease {VERSION}")
     sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for verb in VERBS:
         verb.add_parser(sub)
