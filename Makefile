@@ -15,7 +15,7 @@ CREASE := $(VENV)/bin/crease
 
 # What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
-APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
+APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base
 PIP_USER := meshes
 PIP_DEVELOP := test fuzz dask lint step
 
@@ -44,7 +44,7 @@ PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native host/backend meshes tests)
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile firmware/port/cortex-m7/device.mk
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile firmware/port/cortex-m7/device.mk firmware/package/install.mk
 
 # ---------------------------------------------------------------------------------------------------- installing
 
@@ -224,6 +224,7 @@ endef
 $(foreach variant,gcc clang san cov fuzz scalar,$(eval $(call VARIANT,$(variant))))
 build/clang/.flags build/fuzz/.flags build/scalar/.flags: | build/.apt-develop
 include firmware/port/cortex-m7/device.mk
+include firmware/package/install.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased

@@ -63,3 +63,9 @@ def test_the_version_stands_nowhere_else() -> None:
     """In what is built or packed: a second place would be forgotten."""
     places = ["Makefile", "host/pyproject.toml", "host/CMakeLists.txt", "host/crease/__init__.py"]
     assert [name for name in places if VERSION in (ROOT / name).read_text("utf-8")] == []
+
+
+def test_the_readme_names_the_minor_version_that_is_installed() -> None:
+    text, minor = (ROOT / "README.md").read_text("utf-8"), ".".join(VERSION.split(".")[:2])
+    assert f"`libcrease.so.{minor}`" in text
+    assert f"find_package(crease {minor})" in text

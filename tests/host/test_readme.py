@@ -49,7 +49,7 @@ def test_marked_commands_run_as_written(work: Path) -> None:
 
 
 def test_every_make_target_in_the_readme_exists() -> None:
-    files = ("Makefile", "firmware/port/cortex-m7/device.mk")
+    files = ("Makefile", "firmware/port/cortex-m7/device.mk", "firmware/package/install.mk")
     makefile = "\n".join((ROOT / name).read_text(encoding="utf-8") for name in files)
     named = set(
         re.findall(
