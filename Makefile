@@ -17,7 +17,7 @@ CREASE := $(VENV)/bin/crease
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base
 PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step
+PIP_DEVELOP := test fuzz dask lint step wheel
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -118,6 +118,16 @@ build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable host >build/host.log 2>&1 \
 	    || { cat build/host.log; exit 1; }
 	@touch $@
+
+# From a source archive, so that it is seen to hold all it needs. auditwheel puts ODE into the wheel.
+WHEELS := build/wheels
+
+wheel: $(VENV)/.develop build/.npm ## source archive and wheel for any x86-64 Linux as new as this one, in build/wheels
+	@rm -rf $(WHEELS); mkdir -p $(WHEELS)
+	@cd host && ../$(PY) -c 'import sys; sys.path[:0] = ["backend"]; import crease_backend as b; b.build_sdist("../$(WHEELS)")' >../build/wheel.log
+	@$(PY) -m pip wheel --quiet --disable-pip-version-check --no-build-isolation --no-deps -w $(WHEELS)/plain $(WHEELS)/crease-*.tar.gz
+	@PATH="$(abspath $(VENV)/bin):$$PATH" $(PY) -m auditwheel repair -w $(WHEELS) $(WHEELS)/plain/*.whl >>build/wheel.log 2>&1 || { cat build/wheel.log; exit 1; }
+	@rm -r $(WHEELS)/plain; ls $(WHEELS)/*
 
 # The host with everything that its tests, lints and fuzzers use.
 build/.develop: build/.host $(VENV)/.develop
@@ -447,5 +457,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -3,8 +3,8 @@
     python host/backend/third_party.py [--check]
 
 Licences of what a wheel or source archive carries are collected in full from the packages themselves; what is only
-needed is named. --check writes nothing and fails when the file is not what would be written; the licences of needed
-packages do not count there, since other versions of them may say theirs in other words.
+needed is named. --check writes nothing and fails when the file is not what would be written; words that other
+versions of installed packages have for their licences do not count there.
 """
 
 from __future__ import annotations
@@ -29,10 +29,9 @@ EXPRESSIONS = {
     "OSI Approved :: Apache Software License": "Apache-2.0",
     "OSI Approved :: Python Software Foundation License": "PSF",
 }
-LINKED = [
-    ("libode8, Open Dynamics Engine", "BSD-3-Clause or LGPL-2.1", "`crease._sim`, the simulator, links it"),
-    ("CPython and cffi", "PSF, MIT", "the extensions are built with them"),
-]  # fmt: skip
+BUNDLED = (("libode8", "Open Dynamics Engine"), ("libccd2", "libccd, which it uses"))
+"""Debian's packages of what the simulator links and `make wheel` puts into the wheel."""
+DOC = Path("/usr/share/doc")
 
 
 def page_libraries() -> list[tuple[str, str, str]]:
@@ -48,6 +47,17 @@ def page_libraries() -> list[tuple[str, str, str]]:
         about = json.loads((folder / "package.json").read_text("utf-8"))
         text = (folder / "LICENSE").read_text("utf-8").strip()
         found.append((f"{name} {about['version']}", str(about["license"]), text))
+    return found
+
+
+def bundled() -> list[tuple[str, str, str]]:
+    """Package, what it is, and Debian's account of its licences.   Errors: SystemExit when it is not installed."""
+    found = []
+    for package, about in BUNDLED:
+        file = DOC / package / "copyright"
+        if not file.exists():
+            raise SystemExit(f"error: {file}: is missing; run `make setup`")
+        found.append((package, about, file.read_text("utf-8").strip()))
     return found
 
 
@@ -99,30 +109,35 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 def page() -> str:
     """The whole file."""
-    libraries = page_libraries()
+    libraries, linked = page_libraries(), bundled()
+    shipped = [
+        (name, licence, "share/crease/page; each page of `crease view`")
+        for name, licence, _ in libraries
+    ]
+    shipped += [
+        (f"{name}: {about}", "BSD-3-Clause", "crease.libs; linked by `crease._sim`")
+        for name, about, _ in linked
+    ]
     parts = [
         "# Of other authors",
         "Written by `make licences`; crease itself is under the MIT licence.",
-        "## In the wheel and the source archive",
-        table(
-            ("what", "licence", "where"),
-            [(name, licence, "share/crease/page; each page of `crease view`") for name, licence, _ in libraries],
-        ),
+        "## In the wheel",
+        "The source archive has the first two alone. The accounts of the others are Debian's, of their whole source.",
+        table(("what", "licence", "where"), list(shipped)),
         "## In the repository",
         table(("what", "licence", "from"), list(meshes())),
-        "## Linked",
-        table(("what", "licence", "how"), list(LINKED)),
         "## Needed, installed by pip",
         table(("package", "licence"), [(name, licence_of(name)) for name in needed()]),
         "python-can is used unchanged, through its interface.",
-        *(f"## Licence of {name}\n\n```\n{text}\n```" for name, _, text in libraries),
+        *(f"## Licence of {name}\n\n```\n{text}\n```" for name, _, text in [*libraries, *linked]),
     ]  # fmt: skip
     return "\n\n".join(parts) + "\n"
 
 
-def without_needed(text: str) -> str:
-    """The page without the licence column of what pip installs."""
-    return re.sub(rf"^(\| (?:{'|'.join(needed())}) \|).*$", r"\1", text, flags=re.MULTILINE)
+def comparable(text: str) -> str:
+    """The page without what differs between machines: words of other versions of what pip and Debian install."""
+    text = re.sub(rf"^(\| (?:{'|'.join(needed())}) \|).*$", r"\1", text, flags=re.MULTILINE)
+    return text.split(f"## Licence of {BUNDLED[0][0]}\n")[0]
 
 
 def main(arguments: list[str]) -> int:
@@ -130,7 +145,7 @@ def main(arguments: list[str]) -> int:
     text = page()
     if arguments == ["--check"]:
         there = OUT.read_text("utf-8") if OUT.exists() else ""
-        same = without_needed(there) == without_needed(text)
+        same = comparable(there) == comparable(text)
         print(
             f"third_party: {OUT.name} is {'as it should be' if same else 'out of date: run `make licences`'}"
         )
