@@ -39,7 +39,7 @@ PYTHON_ROOMS: Rooms = {
     "mesh": ("base",),
     "bake": ("_native", "base", "mesh"),
     "replay": ("base",),
-    "crease": ("base",),
+    "crease": ("base", "mesh", "bake", "replay"),
     "bus": ("_sim", "base"),
     "loop": ("_sim", "base", "mesh", "bake", "replay", "bus"),
     "draw": ("base", "mesh", "bake", "replay"),

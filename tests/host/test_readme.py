@@ -1,7 +1,7 @@
 """README.md tells the truth: its marked commands run as written, its make targets and files exist.
 
-A block of commands that follows the line `<!-- run -->` is run, as one script, in a folder that has the repository's
-meshes under the same names.
+A block of commands or of Python that follows the line `<!-- run -->` is run, as one script, in a folder that has the
+repository's meshes under the same names. All run there one after the other.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8") if (ROOT / "README.md").exists() else ""
-MARKED = re.findall(r"<!-- run -->\s*\n```sh\n(.*?)```", TEXT, re.DOTALL)
+MARKED = re.findall(r"<!-- run -->\s*\n```(sh|python)\n(.*?)```", TEXT, re.DOTALL)
+RUN = {"sh": ["bash", "-euo", "pipefail", "-c"], "python": [sys.executable, "-c"]}
 BLOCKS = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
 
 
@@ -31,16 +32,16 @@ def work(tmp_path: Path) -> Path:
 
 
 def test_readme_marks_commands_to_run() -> None:
-    assert MARKED
+    assert {language for language, _ in MARKED} == set(RUN)
 
 
 def test_marked_commands_run_as_written(work: Path) -> None:
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    for script in MARKED:
+    for language, script in MARKED:
         result = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", script],
+            [*RUN[language], script],
             cwd=work,
-            env={**os.environ, "PATH": path},
+            env={**os.environ, "PATH": path, "MPLBACKEND": "Agg"},
             capture_output=True,
             text=True,
             check=False,
