@@ -15,9 +15,9 @@ CREASE := $(VENV)/bin/crease
 
 # What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
-APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base
+APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
 PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step wheel
+PIP_DEVELOP := test fuzz dask lint step wheel docs
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -448,6 +448,9 @@ lint-mypy:
 licences: $(VENV)/.develop build/.npm ## collect the licences of other authors: host/THIRD_PARTY.md
 	$(PY) host/backend/third_party.py
 
+docs: build/.develop ## pages of the C and Python interfaces and of all texts, to read offline, links checked: build/docs/index.html
+	$(PY) host/backend/reference.py build/docs
+
 format: $(VENV)/.develop ## rewrite C and Python in the house format
 	clang-format -i $(C_ALL)
 	$(PY) -m ruff check --fix --quiet --config host/pyproject.toml $(PY_LINT) || true
@@ -457,5 +460,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov
