@@ -17,7 +17,7 @@ CREASE := $(VENV)/bin/crease
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
 PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step wheel docs
+PIP_DEVELOP := test fuzz dask lint step mcap parquet wheel docs
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell

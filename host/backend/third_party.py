@@ -21,7 +21,7 @@ HOST = Path(__file__).resolve().parent.parent
 ROOT = HOST.parent
 OUT = HOST / "THIRD_PARTY.md"
 NPM = ROOT / "build/npm/node_modules"
-GROUPS = ("step", "dask")
+GROUPS = ("step", "dask", "mcap", "parquet")
 """Optional groups that users install; the others are for those who test."""
 EXPRESSIONS = {
     "OSI Approved :: MIT License": "MIT",

@@ -18,6 +18,7 @@ from crease.verbs import (
     bus,
     check,
     experiment,
+    export,
     hil,
     info,
     plot,
@@ -27,7 +28,7 @@ from crease.verbs import (
     view,
 )
 
-VERBS = (check, bake, info, replay, plot, view, experiment, bench, stress, sim, bus, hil)
+VERBS = (check, bake, info, replay, plot, view, export, experiment, bench, stress, sim, bus, hil)
 """In the order of the work: what `crease --help` lists."""
 
 

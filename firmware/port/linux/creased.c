@@ -231,18 +231,13 @@ static int read_seconds(const char *text, double *out) {
 }
 
 static int read_options(int argc, char **argv, options *opt) {
-    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
-                                          {"interface", required_argument, NULL, 'i'},
-                                          {"record", required_argument, NULL, 'r'},
-                                          {"seconds", required_argument, NULL, 's'},
-                                          {"start", no_argument, NULL, 'S'},
-                                          {"exit-on-fault", no_argument, NULL, 'x'},
-                                          {"quiet", no_argument, NULL, 'q'},
-                                          {"start-after", required_argument, NULL, 'a'},
-                                          {"force", no_argument, NULL, 'f'},
-                                          {"help", no_argument, NULL, 'h'},
-                                          {"version", no_argument, NULL, 'v'},
-                                          {NULL, 0, NULL, 0}};
+    static const struct option known[] = {
+        {"config", required_argument, NULL, 'c'}, {"interface", required_argument, NULL, 'i'},
+        {"record", required_argument, NULL, 'r'}, {"seconds", required_argument, NULL, 's'},
+        {"start", no_argument, NULL, 'S'},        {"exit-on-fault", no_argument, NULL, 'x'},
+        {"quiet", no_argument, NULL, 'q'},        {"start-after", required_argument, NULL, 'a'},
+        {"force", no_argument, NULL, 'f'},        {"help", no_argument, NULL, 'h'},
+        {"version", no_argument, NULL, 'v'},      {NULL, 0, NULL, 0}};
     int wrong = 0;
     memset(opt, 0, sizeof *opt);
     for (int key = getopt_long(argc, argv, "", known, NULL); key != -1;
