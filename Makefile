@@ -15,9 +15,9 @@ CREASE := $(VENV)/bin/crease
 
 # What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
-APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind
+APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
 PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step
+PIP_DEVELOP := test fuzz dask lint step mcap parquet wheel docs
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -41,10 +41,10 @@ PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
 C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
-PY_LINT := $(wildcard host/crease host/native meshes tests)
+PY_LINT := $(wildcard host/crease host/native host/backend meshes tests)
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile firmware/port/cortex-m7/device.mk
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "make %-13s %s\n", $$1, $$2}' Makefile firmware/port/cortex-m7/device.mk firmware/package/install.mk
 
 # ---------------------------------------------------------------------------------------------------- installing
 
@@ -118,6 +118,16 @@ build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable host >build/host.log 2>&1 \
 	    || { cat build/host.log; exit 1; }
 	@touch $@
+
+# From a source archive, so that it is seen to hold all it needs. auditwheel puts ODE into the wheel.
+WHEELS := build/wheels
+
+wheel: $(VENV)/.develop build/.npm ## source archive and wheel for any x86-64 Linux as new as this one, in build/wheels
+	@rm -rf $(WHEELS); mkdir -p $(WHEELS)
+	@cd host && ../$(PY) -c 'import sys; sys.path[:0] = ["backend"]; import crease_backend as b; b.build_sdist("../$(WHEELS)")' >../build/wheel.log
+	@$(PY) -m pip wheel --quiet --disable-pip-version-check --no-build-isolation --no-deps -w $(WHEELS)/plain $(WHEELS)/crease-*.tar.gz
+	@PATH="$(abspath $(VENV)/bin):$$PATH" $(PY) -m auditwheel repair -w $(WHEELS) $(WHEELS)/plain/*.whl >>build/wheel.log 2>&1 || { cat build/wheel.log; exit 1; }
+	@rm -r $(WHEELS)/plain; ls $(WHEELS)/*
 
 # The host with everything that its tests, lints and fuzzers use.
 build/.develop: build/.host $(VENV)/.develop
@@ -224,6 +234,7 @@ endef
 $(foreach variant,gcc clang san cov fuzz scalar,$(eval $(call VARIANT,$(variant))))
 build/clang/.flags build/fuzz/.flags build/scalar/.flags: | build/.apt-develop
 include firmware/port/cortex-m7/device.mk
+include firmware/package/install.mk
 -include $(wildcard build/*/*/*.d build/*/*/*/*.d build/*/*/*/*/*.d)
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
@@ -436,7 +447,13 @@ lint-ruff:
 
 lint-mypy:
 	$(PY) -m mypy --config-file host/pyproject.toml host/crease
-	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard meshes tests)
+	$(PY) -m mypy --config-file host/pyproject.toml $(wildcard host/backend meshes tests)
+
+licences: $(VENV)/.develop build/.npm ## collect the licences of other authors: host/THIRD_PARTY.md
+	$(PY) host/backend/third_party.py
+
+docs: build/.develop ## pages of the C and Python interfaces and of all texts, to read offline, links checked: build/docs/index.html
+	$(PY) host/backend/reference.py build/docs
 
 format: $(VENV)/.develop ## rewrite C and Python in the house format
 	clang-format -i $(C_ALL)
@@ -447,5 +464,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -19,11 +19,17 @@
 extern "C" {
 #endif
 
+/* The one place where the version stands: library, pkg-config, CMake, Python package and `crease --version` have it from here.
+ * What a change of it promises: CHANGELOG.md. */
 #define CR_VERSION_MAJOR 0
-#define CR_VERSION_MINOR 1
+#define CR_VERSION_MINOR 2
 #define CR_VERSION_PATCH 0
+#define CR_VERSION (CR_VERSION_MAJOR * 1000000 + CR_VERSION_MINOR * 1000 + CR_VERSION_PATCH)
 /* Version of the scene image this library reads (SPEC.md). */
 #define CR_IMAGE_VERSION 4u
+
+/* Purpose  version of the library that runs; another than CR_VERSION: it was built from other headers than its caller. */
+uint32_t cr_version(void);
 
 typedef struct {
     float x, y, z;

@@ -17,10 +17,16 @@ def main() -> int:
     heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if heard:
         signal.signal(signal.SIGINT, _leave)
-    from crease.cli import main as run
+    from crease.base.errors import CreaseError
 
-    if heard:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        from crease.cli import main as run
+    except CreaseError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    finally:
+        if heard:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
     return run()
 
 

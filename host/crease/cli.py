@@ -10,14 +10,15 @@ import os
 import sys
 from collections.abc import Sequence
 
-from crease import __version__
 from crease.base.errors import CreaseError
+from crease.base.version import VERSION
 from crease.verbs import (
     bake,
     bench,
     bus,
     check,
     experiment,
+    export,
     hil,
     info,
     plot,
@@ -27,7 +28,7 @@ from crease.verbs import (
     view,
 )
 
-VERBS = (check, bake, info, replay, plot, view, experiment, bench, stress, sim, bus, hil)
+VERBS = (check, bake, info, replay, plot, view, export, experiment, bench, stress, sim, bus, hil)
 """In the order of the work: what `crease --help` lists."""
 
 
@@ -37,7 +38,7 @@ def make_parser() -> argparse.ArgumentParser:
         prog="crease",
         description="Stable haptic contact between a rigid tool and a rigid mock-up.",
     )
-    parser.add_argument("--version", action="version", version=f"crease {__version__}")
+    parser.add_argument("--version", action="version", version=f"crease {VERSION}")
     sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for verb in VERBS:
         verb.add_parser(sub)

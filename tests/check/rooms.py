@@ -32,21 +32,21 @@ C_ROOMS: Rooms = {
 """`firmware` itself holds the public headers."""
 
 PYTHON_ROOMS: Rooms = {
-    "crease": (),
     "_native": (),
     "_sim": (),
-    "base": ("crease", "_native"),
+    "base": ("_native",),
     "mesh": ("base",),
     "bake": ("_native", "base", "mesh"),
     "replay": ("base",),
+    "crease": ("base", "mesh", "bake", "replay"),
     "bus": ("_sim", "base"),
     "loop": ("_sim", "base", "mesh", "bake", "replay", "bus"),
     "draw": ("base", "mesh", "bake", "replay"),
-    "lab": ("crease", "base", "mesh", "bake", "replay", "draw"),
+    "lab": ("base", "mesh", "bake", "replay", "draw"),
     "verbs": ("_sim", "base", "mesh", "bake", "replay", "bus", "loop", "draw", "lab"),
-    "cli": ("crease", "base", "verbs"),
+    "cli": ("base", "verbs"),
 }
-"""`_native` and `_sim` are the two C extensions, `crease` the package's own page, `cli` the files beside it."""
+"""`_native` and `_sim` are the C extensions, `crease` the package's page of names, `cli` the files beside it."""
 
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 INCLUDE_FROM = [room for room in C_ROOMS if room.count("/") != 1 or room == "host/native"]

@@ -1,7 +1,7 @@
-"""README.md tells the truth: its marked commands run as written, its make targets and files exist.
+"""README.md and the how-to pages tell the truth: marked commands run as written, make targets and files exist.
 
-A block of commands that follows the line `<!-- run -->` is run, as one script, in a folder that has the repository's
-meshes under the same names.
+A block of commands or of Python that follows the line `<!-- run -->` is run, as one script, in a folder that has the
+repository's meshes under the same names. All run there one after the other.
 """
 
 from __future__ import annotations
@@ -16,7 +16,16 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8") if (ROOT / "README.md").exists() else ""
-MARKED = re.findall(r"<!-- run -->\s*\n```sh\n(.*?)```", TEXT, re.DOTALL)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "host/docs").glob("*.md"))]
+
+
+def marked(page: Path) -> list[tuple[str, str]]:
+    """Language and text of each marked block."""
+    pattern = r"<!-- run -->\s*\n```(sh|python)\n(.*?)```"
+    return re.findall(pattern, page.read_text("utf-8"), re.DOTALL)
+
+
+RUN = {"sh": ["bash", "-euo", "pipefail", "-c"], "python": [sys.executable, "-c"]}
 BLOCKS = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
 
 
@@ -31,16 +40,24 @@ def work(tmp_path: Path) -> Path:
 
 
 def test_readme_marks_commands_to_run() -> None:
-    assert MARKED
+    assert {language for language, _ in marked(PAGES[0])} == set(RUN)
 
 
-def test_marked_commands_run_as_written(work: Path) -> None:
+RUNNABLE = [
+    pytest.param(page, id=page.stem, marks=() if page == PAGES[0] else pytest.mark.slow)
+    for page in PAGES
+    if marked(page)
+]
+
+
+@pytest.mark.parametrize("page", RUNNABLE)
+def test_marked_commands_run_as_written(page: Path, work: Path) -> None:
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    for script in MARKED:
+    for language, script in marked(page):
         result = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", script],
+            [*RUN[language], script],
             cwd=work,
-            env={**os.environ, "PATH": path},
+            env={**os.environ, "PATH": path, "MPLBACKEND": "Agg"},
             capture_output=True,
             text=True,
             check=False,
@@ -49,7 +66,7 @@ def test_marked_commands_run_as_written(work: Path) -> None:
 
 
 def test_every_make_target_in_the_readme_exists() -> None:
-    files = ("Makefile", "firmware/port/cortex-m7/device.mk")
+    files = ("Makefile", "firmware/port/cortex-m7/device.mk", "firmware/package/install.mk")
     makefile = "\n".join((ROOT / name).read_text(encoding="utf-8") for name in files)
     named = set(
         re.findall(

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from crease.bake.bodies import Body, bodies_path, read_bodies, reduce_body
+from crease.bake.bodies import Body, read_bodies, reduce_body
 from crease.base.errors import CreaseError, SceneError
 from crease.base.native import ffi, lib
-from crease.base.scene import Scene, open_scene
+from crease.base.scene import Scene, meshes_path, open_scene
 from crease.base.table import read_table, write_table
 from crease.draw.view.contacts import (
     NO_PATCH,
@@ -266,7 +266,7 @@ def test_missing_meshes_are_named(
     bare.write_bytes(scene_crs.read_bytes())
     said = crease("view", press_out, "--scene", bare, "-o", page)
     refuse(said, page, "bare.crs.glb", "bake it again")
-    bodies_path(bare).write_bytes(b"glTF and then rubbish")
+    meshes_path(bare).write_bytes(b"glTF and then rubbish")
     refuse(crease("view", press_out, "--scene", bare, "-o", page), page, "cannot be read", "bake")
 
 
@@ -280,7 +280,7 @@ def test_meshes_of_another_scene_are_refused(
     )
     mixed = folder / "mixed.crs"
     mixed.write_bytes(scene_crs.read_bytes())
-    bodies_path(mixed).write_bytes(bodies_path(other).read_bytes())
+    meshes_path(mixed).write_bytes(meshes_path(other).read_bytes())
     with pytest.raises(SceneError, match="other meshes"):
         read_bodies(open_scene(mixed))
 
@@ -329,11 +329,11 @@ def test_bake_does_not_replace_meshes_unasked(
     folder: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
     image = folder / "asked.crs"
-    bodies_path(image).write_bytes(b"mine")
+    meshes_path(image).write_bytes(b"mine")
     said = crease("bake", block_stl, ball_stl, "-o", image, "--unit", "mm")
     assert said.status == 1
     assert "asked.crs.glb: exists already" in said.err
-    assert bodies_path(image).read_bytes() == b"mine"
+    assert meshes_path(image).read_bytes() == b"mine"
 
 
 def test_free_path_makes_a_page(folder: Path, scene_crs: Path, crease: Run) -> None:

@@ -216,7 +216,8 @@ static void help(void) {
         "  --start-after S    the same, S seconds later\n"
         "  --seconds S        stop after this time\n"
         "  --exit-on-fault    stop at the first fault instead of waiting for the command clear\n"
-        "  --quiet            no line when the mode changes\n\n"
+        "  --quiet            no line when the mode changes\n"
+        "  --version          of the library\n\n"
         "start renders, stop ends it, clear leaves a fault and begins again, quit or Ctrl-C ends.\n"
         "A watchdog ([loop] watchdog) and systemd (Type=notify, WatchdogSec=) are told that the loop runs.\n"
         "Exit status: 0 stopped as asked; 1 the record could not be written; 2 wrong command line, configuration\n"
@@ -230,17 +231,13 @@ static int read_seconds(const char *text, double *out) {
 }
 
 static int read_options(int argc, char **argv, options *opt) {
-    static const struct option known[] = {{"config", required_argument, NULL, 'c'},
-                                          {"interface", required_argument, NULL, 'i'},
-                                          {"record", required_argument, NULL, 'r'},
-                                          {"seconds", required_argument, NULL, 's'},
-                                          {"start", no_argument, NULL, 'S'},
-                                          {"exit-on-fault", no_argument, NULL, 'x'},
-                                          {"quiet", no_argument, NULL, 'q'},
-                                          {"start-after", required_argument, NULL, 'a'},
-                                          {"force", no_argument, NULL, 'f'},
-                                          {"help", no_argument, NULL, 'h'},
-                                          {NULL, 0, NULL, 0}};
+    static const struct option known[] = {
+        {"config", required_argument, NULL, 'c'}, {"interface", required_argument, NULL, 'i'},
+        {"record", required_argument, NULL, 'r'}, {"seconds", required_argument, NULL, 's'},
+        {"start", no_argument, NULL, 'S'},        {"exit-on-fault", no_argument, NULL, 'x'},
+        {"quiet", no_argument, NULL, 'q'},        {"start-after", required_argument, NULL, 'a'},
+        {"force", no_argument, NULL, 'f'},        {"help", no_argument, NULL, 'h'},
+        {"version", no_argument, NULL, 'v'},      {NULL, 0, NULL, 0}};
     int wrong = 0;
     memset(opt, 0, sizeof *opt);
     for (int key = getopt_long(argc, argv, "", known, NULL); key != -1;
@@ -276,6 +273,9 @@ static int read_options(int argc, char **argv, options *opt) {
             break;
         case 'h':
             help();
+            exit(EXIT_DONE);
+        case 'v':
+            printf("creased %d.%d.%d\n", CR_VERSION_MAJOR, CR_VERSION_MINOR, CR_VERSION_PATCH);
             exit(EXIT_DONE);
         default:
             return usage();

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.errors import SceneError
-from crease.base.scene import Scene
+from crease.base.scene import Scene, meshes_path
 from crease.base.table import describe, write_bytes
 from crease.mesh.mesh import Mesh
 
@@ -24,11 +24,6 @@ class Body:
 
     vertices_m: npt.NDArray[np.float64]
     triangles: npt.NDArray[np.int64]
-
-
-def bodies_path(scene: Path) -> Path:
-    """Where the meshes of a scene image lie."""
-    return scene.with_name(scene.name + ".glb")
 
 
 def pack_bodies(static: Mesh, tool: Mesh) -> bytes:
@@ -49,7 +44,7 @@ def pack_bodies(static: Mesh, tool: Mesh) -> bytes:
 
 def write_bodies(scene: Path, static: Mesh, tool: Mesh) -> Path:
     """The meshes beside the image `scene`.   Errors: CreaseError when the disk refuses."""
-    path = bodies_path(scene)
+    path = meshes_path(scene)
     write_bytes(path, pack_bodies(static, tool))
     return path
 
@@ -61,7 +56,7 @@ def read_bodies(scene: Scene) -> tuple[Body, Body]:
     """
     import trimesh
 
-    path = bodies_path(Path(scene.source))
+    path = meshes_path(Path(scene.source))
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crease import _native
-from crease.bake.bodies import bodies_path, write_bodies
+from crease.bake.bodies import write_bodies
 from crease.base.errors import CreaseError
+from crease.base.scene import meshes_path
 from crease.base.table import write_bytes
 from crease.base.units import parse_unit
 from crease.mesh.mesh import load_mesh
@@ -86,7 +87,7 @@ def bake_spec(spec: SceneSpec, image: Path) -> int:
 
 def is_current(image: Path, spec: SceneSpec, table: Path) -> bool:
     """Whether an image is newer than all it is made of: meshes, table, and the code that bakes."""
-    return bodies_path(image).exists() and is_newer(image, spec.static, spec.tool, table)
+    return meshes_path(image).exists() and is_newer(image, spec.static, spec.tool, table)
 
 
 def is_newer(image: Path, *made_of: Path) -> bool:

@@ -1,12 +1,49 @@
-"""The C code as Python sees it, and the one table of names for its enumerations."""
+"""The C code as Python sees it, and the one table of names for its enumerations.
+
+The extension is built for two levels of x86-64 processors; the better one that this machine runs is taken, or the one
+that the environment variable CREASE_CPU names. The answers are the same to the bit on all of them.
+"""
 
 from __future__ import annotations
 
+import os
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
-from crease._native import ffi, lib
+from crease._native import lib as _baseline
+from crease.base.errors import CreaseError
 
-__all__ = ["COVERAGES", "RESPONSES", "error_text", "ffi", "lib", "skip_mask", "skip_words"]
+__all__ = ["COVERAGES", "CPU", "RESPONSES", "error_text", "ffi", "lib", "skip_mask", "skip_words"]
+
+_LEVELS = {"x86-64-v3": (3, "crease._native_v3"), "x86-64": (1, "crease._native")}
+"""By name: the level a processor must have, and the extension that was built for it. Best first."""
+
+
+def _runnable() -> list[str]:
+    """Names of the levels that are built and that this machine runs, best first."""
+    have = int(_baseline.cr_cpu_level())
+    return [
+        name
+        for name, (level, module) in _LEVELS.items()
+        if level <= have and find_spec(module) is not None
+    ]
+
+
+def _choose(wish: str | None) -> str:
+    """Name of the level to take.   Errors: CreaseError for a wish that is no level, or beyond the machine."""
+    names = _runnable()
+    if wish and wish not in names:
+        raise CreaseError(f"CREASE_CPU={wish}: this machine and build have {', '.join(names)}")
+    return wish or names[0]
+
+
+CPU: str = _choose(os.environ.get("CREASE_CPU"))
+"""The level of the extension that runs: `x86-64-v3`, or `x86-64`, which stands for any other machine too."""
+
+_chosen: Any = import_module(_LEVELS[CPU][1])
+ffi: Any = _chosen.ffi
+lib: Any = _chosen.lib
 
 
 def _names(prefix: str, exclude: frozenset[str] = frozenset()) -> dict[str, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from crease.base.errors import SceneError
 from crease.base.native import error_text, ffi, lib
+from crease.base.table import check_suffix, check_target, write_bytes
 
 _ALIGN = 64
 
@@ -27,11 +28,50 @@ def _aligned_copy(image: bytes) -> npt.NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class Scene:
-    """An opened scene image. `handle` is a cffi `cr_scene *` into `image`, which must outlive it."""
+    """An opened scene image. Read-only: any number of worlds and threads may share it.
+
+    image: uint8 (n,), the bytes of the file. handle: a cffi `cr_scene *` into them. source: where it came from, for
+    messages. meshes_glb: the two meshes it was baked from, for `crease view`; None when they are not there.
+    warnings: what `bake` had to say.
+    """
 
     image: npt.NDArray[np.uint8] = field(repr=False)
     handle: Any = field(repr=False)
     source: str
+    meshes_glb: bytes | None = field(default=None, repr=False)
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def open(cls, path: str | Path) -> Scene:
+        """The scene in a file SCENE.crs, with its meshes when SCENE.crs.glb is beside it.
+
+        Errors   SceneError: cannot be read, or is no scene image of this version; the text says which.
+        Cost     reads every byte once, 5 ms for 2 MB.
+        Source   firmware/SPEC.md.
+        """
+        scene = open_scene(Path(path))
+        try:
+            glb = meshes_path(Path(path)).read_bytes()
+        except OSError:
+            return scene
+        return replace(scene, meshes_glb=glb)
+
+    def save(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the image to SCENE.crs, and its meshes, if it has them, to SCENE.crs.glb: each whole or not at all.
+
+        force: replace files that exist. Output: the path.
+        Errors   CreaseError: another suffix, a file that exists, a folder that does not, a disk that refuses.
+        """
+        path = Path(path)
+        check_suffix(path, (".crs",))
+        files = {path: self.image.tobytes()}
+        if self.meshes_glb is not None:
+            files = {meshes_path(path): self.meshes_glb, **files}
+        for file in files:
+            check_target(file, force, how="force=True")
+        for file, data in files.items():
+            write_bytes(file, data)
+        return path
 
     @property
     def meta(self) -> Any:
@@ -43,7 +83,14 @@ class Scene:
         return describe_scene(self)
 
 
-def open_image(image: bytes, source: str) -> Scene:
+def meshes_path(scene: Path) -> Path:
+    """Where the meshes of a scene image lie."""
+    return scene.with_name(scene.name + ".glb")
+
+
+def open_image(
+    image: bytes, source: str, meshes_glb: bytes | None = None, warnings: tuple[str, ...] = ()
+) -> Scene:
     """Validate an image.   Errors: SceneError with the firmware's reason."""
     aligned = _aligned_copy(image)
     handle = ffi.new("cr_scene *")
@@ -52,7 +99,7 @@ def open_image(image: bytes, source: str) -> Scene:
         text = error_text(code)
         mend = "" if "bake it again" in text else "; bake it again"
         raise SceneError(f"{source}: {text}{mend}")
-    return Scene(aligned, handle, source)
+    return Scene(aligned, handle, source, meshes_glb, warnings)
 
 
 def open_scene(path: Path) -> Scene:

@@ -7,10 +7,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import crease
 from crease.base.errors import CreaseError
 
-TESTS = Path(crease.__file__).resolve().parents[2] / "tests"
+TESTS = Path(__file__).resolve().parents[3] / "tests"
 FOLDERS = {"study": TESTS / "bench", "stress": TESTS}
 """Where Python finds these two packages."""
 

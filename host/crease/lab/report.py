@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
-from crease import __version__
+from crease.base.version import VERSION
 from crease.lab.setup import Result, Table, machine
 
 _STYLE = """
@@ -90,7 +90,7 @@ def make_report(results: Sequence[Result], folder: Path, every: int = 1, repeat:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>crease: experiments</title><style>{_STYLE}</style></head><body>\n"
-        f"<h1>Experiments</h1>\n<p>crease {__version__}, measured on {escape(machine())}.</p>\n"
+        f"<h1>Experiments</h1>\n<p>crease {VERSION}, measured on {escape(machine())}.</p>\n"
         f"<p>{escape(_ABOUT)}</p>\n{_how(every, repeat)}<nav>{links}</nav>\n"
         + "".join(_section(result, folder) for result in results)
         + "</body></html>\n"

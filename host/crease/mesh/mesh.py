@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from crease.base.errors import MeshError
 from crease.base.table import describe
-from crease.base.units import METRES, format_length
+from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
 from crease.mesh.mend import mend_surface
 
@@ -52,22 +52,26 @@ class Mesh:
 
 
 def load_mesh(
-    path: Path,
-    unit_m: float,
+    path: str | Path,
+    unit: str | float,
     progress: Callable[[str, float], None] = lambda _label, _part: None,
     *,
     sheet_m: float | None = None,
     strict: bool = False,
     chord_m: float = CHORD_M,
 ) -> Mesh:
-    """Read, scale, check and mend a mesh file whose coordinates are in units of `unit_m` metres.
+    """Read, scale, check and mend a mesh file: STL, OBJ, PLY, OFF, GLB; STEP with the package cascadio.
 
-    sheet_m: how thick open sheets are made; None: they are left out or refused. strict: refuse what has to be mended.
-    chord_m: how far triangles may lie from the surfaces of a STEP file, which carries its own unit.
+    unit: of the file's coordinates, by name (nm, um, mm, cm, dm, m, in, ft) or as metres. progress: called with what is
+    done and the part of it that is, 0..1. sheet_m: how thick open sheets are made; None: they are left out or refused.
+    strict: refuse what has to be mended. chord_m: how far triangles may lie from the surfaces of a STEP file, which
+    carries its own unit.
     Output: warnings tell every mend with its counts, each beginning with the file.
-    Errors: MeshError for what cannot be read or mended; the text says what and the mend.
+    Errors: MeshError for what cannot be read or mended, UnitError for a unit that is none; the text says what and the
+    mend.
     Cost: 6 s and 1 GB for a million triangles of STL.
     """
+    path, unit_m = Path(path), parse_unit(unit) if isinstance(unit, str) else unit
     label = f"reading {path.name}"
     progress(label, 0.0)
     source = _read_bytes(path)

@@ -116,12 +116,13 @@ def check_rows(rows: npt.NDArray[np.float64], source: str) -> Trajectory:
     return Trajectory(rows, source)
 
 
-def load_trajectory(path: Path) -> Trajectory:
-    """A path from a CSV or NPZ file.
+def load_trajectory(path: str | Path) -> Trajectory:
+    """A path from a CSV or NPZ file with the columns t_s,x_m,y_m,z_m,qw,qx,qy,qz.
 
     Errors: TrajectoryError with file, line and reason for the first bad row.
     Cost: 0.2 s for 100,000 rows of CSV.
     """
+    path = Path(path)
     try:
         rows = _stack(path, read_table(path, COLUMNS))
     except TrajectoryError:

@@ -119,12 +119,13 @@ def add_parser(sub: SubParsers) -> None:
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for meshes that cannot be mended, or an output that cannot be written."""
     from crease.bake.bake import bake_scene
-    from crease.bake.bodies import bodies_path, write_bodies
+    from crease.bake.bodies import write_bodies
+    from crease.base.scene import meshes_path
 
     check_suffix(args.output, (".crs",))
     with claim(args.output):
         check_target(args.output, args.force, (args.static, args.tool))
-        check_target(bodies_path(args.output), args.force)
+        check_target(meshes_path(args.output), args.force)
         start_s = time.monotonic()
         with Progress() as progress:
             static, tool = read_meshes(args, progress)

@@ -1,0 +1,51 @@
+"""`crease.bake`: two meshes into a scene that is open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.bodies import pack_bodies
+from crease.base.errors import MeshError
+from crease.base.scene import Scene, open_image
+from crease.mesh.mesh import Mesh
+
+
+def bake(
+    static: Mesh,
+    tool: Mesh,
+    *,
+    spacing_m: float | None = None,
+    voxel_m: float | None = None,
+    crease_angle_deg: float = 30.0,
+    tolerance_m: float | None = None,
+    image_max_bytes: int | None = None,
+    memory_max_bytes: int | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Scene:
+    """Bake a mock-up at rest and a tool into a scene.
+
+    spacing_m: distance between samples of the tool; None: 1/30 of its middle size, at most about 20,000 samples.
+    voxel_m: side of a voxel; None: the spacing, at least 1/600 of the mock-up. crease_angle_deg: sharper edges are
+    creases. tolerance_m: refine until the distance error near the surface is below this; None: a quarter of a voxel.
+    image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work that takes more;
+    None: half of the machine's. progress: called with what is done and the part of it that is, 0..1.
+
+    Units    m, degrees, bytes.
+    Output   a scene as `crease bake` makes it, to the byte; `warnings` holds what its command line would say.
+    Errors   MeshError when sizes do not fit together, or would take more memory than they may.
+    Cost     about a second for small parts, minutes for a million triangles.
+    Source   firmware/DESIGN.md "Distance" and "Shell".
+    """
+    for name, mesh in (("static", static), ("tool", tool)):
+        if not isinstance(mesh, Mesh):
+            raise MeshError(
+                f"{name} is a {type(mesh).__name__}, not a mesh; give load_mesh(path, unit)"
+            )
+    options = BakeOptions(
+        voxel_m, spacing_m, crease_angle_deg, tolerance_m, memory_max_bytes, image_max_bytes
+    )
+    made = bake_scene(static, tool, options, progress)
+    said = (*static.warnings, *tool.warnings, *made.warnings)
+    source = f"{static.source} and {tool.source}"
+    return open_image(made.image, source, pack_bodies(static, tool), said)

@@ -1,0 +1,188 @@
+"""Tables and recordings as files that others open: MCAP with ROS 2 messages, Parquet, CSV, NPZ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from crease.base.errors import CreaseError, TableError
+from crease.base.table import Column, read_table, write_atomic, write_table
+from crease.base.version import VERSION
+from crease.replay.cdr import Message, definition
+from crease.replay.recording import (
+    Recording,
+    fault_names,
+    is_recording,
+    limit_names,
+    load_recording,
+    mode_names,
+    to_columns,
+)
+
+FORMATS = ("mcap", "csv", "npz", "parquet")
+WORLD, TOOL, ORIGIN, BASE = "world", "tool", "tool_origin", "device"
+"""Frames. ORIGIN: at the tool's origin with the axes of the world; torques are about it."""
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+DISPLAY = ("dx_m", "dy_m", "dz_m", "dqx", "dqy", "dqz", "dqw")
+WRENCH = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
+CONTACT = ("depth_m", "nx", "ny", "nz", "areas", "zones", "contacts", "tick_ns")
+JOINTS = ["guide", "upper_arm", "forearm"]
+
+Columns = dict[str, Column]
+Encode = Callable[[int, int], bytes]
+"""Row and time in ns -> the bytes of a message."""
+Topics = dict[str, tuple[str, Encode]]
+"""Topic -> name of its message, and how a row becomes one."""
+
+
+def load(path: Path) -> tuple[Columns, Recording | None]:
+    """The columns of a table of ticks, or of a recording and the recording itself.   Errors: CreaseError."""
+    if is_recording(path):
+        recording = load_recording(path)
+        return to_columns(recording.rows), recording
+    columns = read_table(path)
+    if "t_s" not in columns:
+        raise TableError(
+            f"{path}: has no column t_s; give a table of `crease replay` or a recording"
+        )
+    lengths = {np.shape(column) for column in columns.values()}
+    if len(lengths) != 1 or len(next(iter(lengths))) != 1 or len(columns["t_s"]) == 0:
+        raise TableError(f"{path}: the columns are not of one length; each needs one number a tick")
+    return columns, None
+
+
+def export(path: Path, kind: str, out: Path) -> int:
+    """Write `out` in one of FORMATS, whole or not at all.   Output: ticks.   Errors: CreaseError."""
+    columns, recording = load(path)
+    if kind == "mcap":
+        topics = recording_topics(recording) if recording else table_topics(columns, path)
+        _write_mcap(out, columns["t_s"], topics)
+    elif kind == "parquet":
+        _write_parquet(out, columns)
+    else:
+        write_table(out, columns)
+    return len(columns["t_s"])
+
+
+def _matrix(columns: Columns, names: tuple[str, ...]) -> npt.NDArray[np.float64] | None:
+    """The columns side by side, (n, m); None when one is missing."""
+    if any(name not in columns for name in names):
+        return None
+    return np.stack([np.asarray(columns[name], np.float64) for name in names], axis=1)
+
+
+def _stamped(name: str, frame: str, rows: npt.NDArray[np.float64]) -> tuple[str, Encode]:
+    return (
+        f"geometry_msgs/msg/{name}Stamped",
+        lambda i, t: Message().header(t, frame).float64(rows[i]).done(),
+    )
+
+
+def _tf(rows: npt.NDArray[np.float64]) -> tuple[str, Encode]:
+    def encode(i: int, t: int) -> bytes:
+        message = Message().uint32(2).header(t, WORLD).string(TOOL).float64(rows[i])
+        return message.header(t, WORLD).string(ORIGIN).float64((*rows[i][:3], *NO_TURN)).done()
+
+    return "tf2_msgs/msg/TFMessage", encode
+
+
+def table_topics(columns: Columns, path: Path) -> Topics:
+    """What a table of ticks can tell.   Errors: TableError when it has neither poses nor forces."""
+    pose, wrench, display, contact = (_matrix(columns, n) for n in (POSE, WRENCH, DISPLAY, CONTACT))
+    topics: Topics = {}
+    if pose is not None:
+        topics["/tf"] = _tf(pose)
+        topics["/tool/pose"] = _stamped("Pose", WORLD, pose)
+    if display is not None:
+        topics["/tool/display_pose"] = _stamped("Pose", WORLD, display)
+    if wrench is not None:
+        topics["/contact/wrench"] = _stamped("Wrench", ORIGIN, wrench)
+    if contact is not None:
+        topics["/contact/state"] = "crease_msgs/msg/Contact", lambda i, t: _contact(contact[i], t)
+    if not topics:
+        raise TableError(
+            f"{path}: has neither poses nor forces; give a table of `crease replay` or a recording"
+        )
+    return topics
+
+
+def _contact(row: npt.NDArray[np.float64], t: int) -> bytes:
+    counts = (int(count) for count in row[4:])
+    return Message().header(t, WORLD).float64(row[:4]).uint32(*counts).done()
+
+
+def recording_topics(recording: Recording) -> Topics:
+    """What a recording of the servo can tell."""
+    rows, modes = recording.rows, mode_names()
+    pose = np.hstack([rows["position_m"], rows["quaternion"][:, [1, 2, 3, 0]]]).astype(np.float64)
+    contact = np.hstack([rows["contact_force_N"], rows["contact_torque_Nm"]]).astype(np.float64)
+
+    def joints(i: int, t: int) -> bytes:
+        row = rows[i]
+        message = Message().header(t, BASE).strings(JOINTS).floats(row["joint"])
+        return message.floats(()).floats(row["torque"]).done()
+
+    def servo(i: int, t: int) -> bytes:
+        row: Any = rows[i]
+        message = Message().header(t, BASE).string(modes[int(row["mode"])])
+        message.strings(fault_names(int(row["faults"]))).strings(limit_names(int(row["limits"])))
+        message.float64(row[name] for name in ("energy_J", "margin", "depth_m"))
+        return message.uint32(*(int(row[name]) for name in ("areas", "zones", "tick_ns"))).done()
+
+    return {
+        "/tf": _tf(pose),
+        "/tool/pose": _stamped("Pose", WORLD, pose),
+        "/contact/wrench": _stamped("Wrench", ORIGIN, contact),
+        "/device/force": _stamped("Vector3", WORLD, rows["force_N"].astype(np.float64)),
+        "/device/joints": ("sensor_msgs/msg/JointState", joints),
+        "/device/servo": ("crease_msgs/msg/ServoState", servo),
+    }
+
+
+def _times_ns(t_s: Column) -> Iterator[int]:
+    """Since the first tick: MCAP and ROS have no time before zero."""
+    return (round(1e9 * float(t)) for t in np.asarray(t_s, np.float64) - float(t_s[0]))
+
+
+def _write_mcap(out: Path, t_s: Column, topics: Topics) -> None:
+    try:
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise CreaseError(f"{out}: MCAP needs the package mcap: pip install mcap") from error
+
+    def write(file: BinaryIO) -> None:
+        writer = Writer(file)
+        writer.start(profile="ros2", library=f"crease {VERSION}")
+        schemas = {
+            name: writer.register_schema(name, "ros2msg", definition(name).encode())
+            for name in sorted({name for name, _ in topics.values()})
+        }
+        channels = {
+            topic: writer.register_channel(topic, "cdr", schemas[name])
+            for topic, (name, _) in topics.items()
+        }
+        for i, t in enumerate(_times_ns(t_s)):
+            for topic, (_, encode) in topics.items():
+                writer.add_message(
+                    channels[topic], log_time=t, publish_time=t, sequence=i, data=encode(i, t)
+                )
+        writer.finish()  # type: ignore[no-untyped-call]
+
+    write_atomic(out, write)
+
+
+def _write_parquet(out: Path, columns: Columns) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise CreaseError(
+            f"{out}: Parquet needs the package pyarrow: pip install pyarrow"
+        ) from error
+    table = pyarrow.table({name: np.ascontiguousarray(column) for name, column in columns.items()})
+    write_atomic(out, lambda file: parquet.write_table(table, file))
