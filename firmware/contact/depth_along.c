@@ -1,4 +1,4 @@
-/* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. way_out.md "Depth". */
+/* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. WAY_OUT.md "Depth". */
 #include "contact/way_out.h"
 
 /* How much deeper than what is nearest to a plane a sample elsewhere may be below it. */

@@ -1,4 +1,4 @@
-/* exits: the longest way to the first exit from anywhere on a piece of tool surface. way_out.md "Depth".
+/* exits: the longest way to the first exit from anywhere on a piece of tool surface. WAY_OUT.md "Depth".
  *
  * Over planes the way to the first exit is the least of those through each of them: the least of some linear functions. Its greatest value on
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */

@@ -1,4 +1,4 @@
-/* gather: what each piece of the tool is inside of. way_out.md "Zones". */
+/* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
 #include "contact/lanes.h"
 #include "contact/way_out.h"
 

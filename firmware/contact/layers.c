@@ -1,4 +1,4 @@
-/* layers: what the samples of a cluster are inside of, surface by surface, and how deep. way_out.md "Zones". */
+/* layers: what the samples of a cluster are inside of, surface by surface, and how deep. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
 /* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */

@@ -1,4 +1,4 @@
-/* relate: zones into half-spaces. way_out.md "Half-spaces".
+/* relate: zones into half-spaces. WAY_OUT.md "Half-spaces".
  *
  * Zones of one piece of the tool whose static surfaces meet convexly share one way out; those that meet concavely have one each. In
  * between each counts for the other by a part that changes continuously. */

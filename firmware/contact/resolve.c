@@ -1,4 +1,4 @@
-/* resolve: all half-spaces at once. way_out.md "All contacts at once". */
+/* resolve: all half-spaces at once. WAY_OUT.md "All contacts at once". */
 #include "contact/way_out.h"
 
 #define SWEEPS 64

@@ -213,7 +213,7 @@ typedef struct {
 } cr_contact_set;
 
 /* Purpose  add to the zones what a hit is inside of, by planes or by what was looked up at its points.
- * Shapes   hit: index of the hit; planes and heights, or at and world, of its cluster.   Source  way_out.md "Zones". */
+ * Shapes   hit: index of the hit; planes and heights, or at and world, of its cluster.   Source  WAY_OUT.md "Zones". */
 void cr_way_add_over_planes(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
                             const cr_planes *planes, const cr_heights *heights);
 void cr_way_add_over_lookup(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,

@@ -1,4 +1,4 @@
-/* The way out: a contact pushes with the shortest translation that leads out of the obstacle. way_out.md has the idea, what holds and what
+/* The way out: a contact pushes with the shortest translation that leads out of the obstacle. WAY_OUT.md has the idea, what holds and what
  * does not yet.
  *
  *     detect, gather -> zones -> relate -> half-spaces -> depth_along -> resolve -> contacts

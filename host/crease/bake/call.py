@@ -35,7 +35,7 @@ def bake(
     Output   a scene as `crease bake` makes it, to the byte; `warnings` holds what its command line would say.
     Errors   MeshError when sizes do not fit together, or would take more memory than they may.
     Cost     about a second for small parts, minutes for a million triangles.
-    Source   firmware/DESIGN.md "Distance" and "Shell".
+    Source   host/crease/bake/README.md "Voxmap" and "Point shell".
     """
     for name, mesh in (("static", static), ("tool", tool)):
         if not isinstance(mesh, Mesh):
