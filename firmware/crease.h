@@ -23,7 +23,7 @@ extern "C" {
 #define CR_VERSION_MINOR 1
 #define CR_VERSION_PATCH 0
 /* Version of the scene image this library reads (SPEC.md). */
-#define CR_IMAGE_VERSION 3u
+#define CR_IMAGE_VERSION 4u
 
 typedef struct {
     float x, y, z;
