@@ -227,7 +227,7 @@ def test_thousands_of_sheets_are_refused_at_once() -> None:
     many = (vertices[None] + place[:, None]).reshape(-1, 3)
     soup = (triangles[None] + len(vertices) * np.arange(count)[:, None, None]).reshape(-1, 3)
     start_s = time.process_time()
-    with pytest.raises(MeshError, match="encloses nothing.*--sheet 1mm"):
+    with pytest.raises(MeshError, match=r"encloses nothing.*--sheet 1mm"):
         make_mesh(many, soup, 1e-3)
     # 12 s when each edge and each rim was looked at alone.
     assert time.process_time() - start_s < 5e-5 * len(soup) + 1.0

@@ -26,8 +26,14 @@ Tick = Callable[[float], None]
 
 HALVES, QUARTERS = 1, 2
 """Levels of a voxel: 2^level intervals a side."""
+BLOCK_BYTES = np.array([0, 64, 256])
+"""Of a voxel of each level in the image."""
 FREE = 3
 """Level of voxels that take their distances from planes near the surface: they hold nothing back in others."""
+SHARE = 0.5
+"""Once a brick has a voxel that misses the tolerance, its voxels are refined down to this share of it."""
+FINE_BYTES = 1_500_000
+"""Blocks of more bytes together have quarters only where halves miss the tolerance itself."""
 BRICKS_AT_ONCE, VOXELS_AT_ONCE = 256, 4096
 
 
@@ -74,17 +80,18 @@ class Coarse:
 def refine(coarse: Coarse, distance: Distance, tolerance_m: float, tick: Tick) -> Fine:
     """Voxels whose distance misses the tolerance near the surface, looked at twice a side and between.
 
-    Halves where these are enough, quarters elsewhere. Where a fine voxel meets a coarser one its samples on their
+    A brick with such a voxel has its others refined too, down to SHARE of the tolerance. Halves where these are
+    enough, quarters elsewhere. Where a fine voxel meets a coarser one its samples on their
     common face are those of the coarser: the distance has no step there.
     """
     marked = np.zeros(coarse.judged.shape, bool)
     for rows in _parts(coarse.open, BRICKS_AT_ONCE):
-        marked[rows] = _missed(coarse, rows, distance, tolerance_m)
+        marked[rows] = _chosen(coarse, rows, distance, tolerance_m)
     brick, voxel = np.nonzero(marked.reshape(len(marked), -1))
     if len(brick) == 0:
         return Fine.none()
     samples = np.empty((len(brick), 5, 5, 5), np.float32)
-    level = np.empty(len(brick), np.int8)
+    off_m = np.empty(len(brick))
     near_m = coarse.grid.near_m
     for rows in _parts(np.arange(len(brick)), VOXELS_AT_ONCE):
         points = coarse.grid.origin_m + _places(coarse.where[brick[rows]], voxel[rows]) * (
@@ -92,13 +99,20 @@ def refine(coarse: Coarse, distance: Distance, tolerance_m: float, tick: Tick) -
         )
         exact = distance(points).reshape(-1, 5, 5, 5)
         samples[rows] = exact
-        off = np.abs(_between(exact[:, ::2, ::2, ::2]) - exact) > tolerance_m
-        off &= np.abs(exact) < near_m
-        level[rows] = np.where(off.any(axis=(1, 2, 3)), QUARTERS, HALVES)
+        error = np.abs(_between(exact[:, ::2, ::2, ::2]) - exact)
+        off_m[rows] = np.where(np.abs(exact) < near_m, error, 0.0).max(axis=(1, 2, 3))
         tick(float(rows[-1] + 1) / len(brick))
-    fine = Fine(brick, voxel, level, samples)
+    fine = Fine(brick, voxel, _levels(off_m, tolerance_m), samples)
     _join(coarse, fine)
     return fine
+
+
+def _levels(off_m: F64, tolerance_m: float) -> npt.NDArray[np.int8]:
+    """Halves or quarters, by how far halves are off, (n,)."""
+    level = np.where(off_m > SHARE * tolerance_m, QUARTERS, HALVES)
+    if BLOCK_BYTES[level].sum() > FINE_BYTES:
+        level = np.where(off_m > tolerance_m, QUARTERS, HALVES)
+    return level.astype(np.int8)
 
 
 def _parts(rows: I64, size: int) -> Iterator[I64]:
@@ -106,39 +120,38 @@ def _parts(rows: I64, size: int) -> Iterator[I64]:
         yield rows[first : first + size]
 
 
-def _missed(coarse: Coarse, rows: I64, distance: Distance, tolerance_m: float) -> Bools:
-    """Judged voxels of bricks whose eight corners miss the distance by more than the tolerance. (n, 8, 8, 8)."""
+def _chosen(coarse: Coarse, rows: I64, distance: Distance, tolerance_m: float) -> Bools:
+    """Judged voxels of bricks that get finer samples. (n, 8, 8, 8)."""
     judged, side = coarse.judged[rows], 2 * CELLS_SIDE
     at = lattice(side + 1)
     own = ((at * side) % 2 != 0).any(axis=1)
-    nodes = _off(
-        coarse, rows, at, _nodes_of(judged).reshape(len(rows), -1) & own, distance, tolerance_m
-    )
+    nodes = _error_m(coarse, rows, at, _nodes_of(judged).reshape(len(rows), -1) & own, distance)
     nodes = nodes.reshape(len(rows), side + 1, side + 1, side + 1)
-    found = np.zeros(judged.shape, bool)
+    worst = np.zeros(judged.shape)
     for z, y, x in np.ndindex(3, 3, 3):
-        found |= nodes[:, z : z + side - 1 : 2, y : y + side - 1 : 2, x : x + side - 1 : 2]
-    rest = judged & ~found
+        shifted = nodes[:, z : z + side - 1 : 2, y : y + side - 1 : 2, x : x + side - 1 : 2]
+        np.maximum(worst, shifted, out=worst)
+    asked = judged
     for axis in (1, 2, 3):
-        rest = rest.repeat(2, axis=axis)
+        asked = asked.repeat(2, axis=axis)
     inner = lattice(side, 0.5 / side, 1 - 0.5 / side)
-    middles = _off(coarse, rows, inner, rest.reshape(len(rows), -1), distance, tolerance_m)
+    middles = _error_m(coarse, rows, inner, asked.reshape(len(rows), -1), distance)
     halves = (len(rows), CELLS_SIDE, 2, CELLS_SIDE, 2, CELLS_SIDE, 2)
-    return np.asarray((found | middles.reshape(halves).any(axis=(2, 4, 6))) & judged)
+    worst = np.where(judged, np.maximum(worst, middles.reshape(halves).max(axis=(2, 4, 6))), 0.0)
+    missed = (worst > tolerance_m).any(axis=(1, 2, 3), keepdims=True)
+    return np.asarray(missed & (worst > SHARE * tolerance_m))
 
 
-def _off(
-    coarse: Coarse, rows: I64, at: F64, asked: Bools, distance: Distance, tolerance_m: float
-) -> Bools:
-    """Where samples of bricks miss the distance near the surface. Shapes: at (m, 3), asked and result (n, m)."""
+def _error_m(coarse: Coarse, rows: I64, at: F64, asked: Bools, distance: Distance) -> F64:
+    """How far samples of bricks miss the distance, 0 away from the surface. Shapes: at (m, 3), asked, result (n, m)."""
     grid = coarse.grid
     value = trilinear(coarse.phi[rows], at)
     # A mean of eight corners of a cell is no farther from the distance anywhere in it than the cell is long.
     asked = asked & (np.abs(value) < grid.near_m + math.sqrt(3.0) * grid.voxel_m)
     exact = distance(brick_points(grid, coarse.where[rows], at)[asked])
-    bad = np.zeros(asked.shape, bool)
-    bad[asked] = (np.abs(value[asked] - exact) > tolerance_m) & (np.abs(exact) < grid.near_m)
-    return bad
+    error = np.zeros(asked.shape)
+    error[asked] = np.where(np.abs(exact) < grid.near_m, np.abs(value[asked] - exact), 0.0)
+    return error
 
 
 def _nodes_of(voxels: Bools) -> Bools:

@@ -207,8 +207,9 @@ class CellSorter:
                             sign, planes, points[good, probes], phi[good, probes]
                         )
                         good = good[agree]
-                kinds[good] = self.kinds.index(int(kind), rows)
-                left[good] = False
+                if len(good):
+                    kinds[good] = self.kinds.index(int(kind), rows)
+                    left[good] = False
         if left.any():
             kinds[left] = self.kinds.index(
                 int(lib.CR_KIND_MIXED), self._mixed(np.array(facets), patches)
@@ -387,6 +388,7 @@ def _pack_bricks(
     parts: list[npt.NDArray[np.int16]] = []
     tables: list[npt.NDArray[np.uint16]] = []
     at = 0
+    seen: dict[bytes, int] = {}
     for i in range(len(phi)):
         step = 2 ** (BASE_LEVEL - int(level[i]))
         values = phi[i, ::step, ::step, ::step]
@@ -407,6 +409,11 @@ def _pack_bricks(
         bricks[i]["creased"] = bool(creased[cells[i]].any())
         if not uniform:
             tables.append(cells[i].reshape(-1).astype(np.uint16))
+        if not bricks[i]["fine"]:
+            # Bricks with the same samples share them.
+            bricks[i]["samples"] = seen.setdefault(data.tobytes(), at)
+            if bricks[i]["samples"] != at:
+                continue
         parts.append(data)
         at += len(data)
     return (
