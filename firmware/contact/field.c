@@ -74,7 +74,8 @@ static inline void find_fine(const int16_t *brick, int32_t x, int32_t y, int32_t
     const float n = (float)side, last = n - 1.0f;
     const float vx = at->x * n, vy = at->y * n, vz = at->z * n;
     const int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
-    at->low = brick + (entry & (int32_t)CR_FINE_AT) * (int32_t)CR_FINE_UNIT + (kz * row + ky) * row + kx;
+    const int32_t place = (entry & (int32_t)CR_FINE_AT) * (int32_t)CR_FINE_UNIT + (kz * row + ky) * row + kx;
+    at->low = brick + place;
     at->row = row;
     at->cells *= n;
     at->x = vx - (float)kx;
@@ -171,11 +172,13 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
         const float vx = ux * n, vy = uy * n, vz = uz * n;
         const int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
         const int16_t *first = s->samples + (int32_t)b->samples;
-        sample_place at = {first + (kz * row + ky) * row + kx, row, n, vx - (float)kx, vy - (float)ky, vz - (float)kz};
+        const int32_t corner = (kz * row + ky) * row + kx;
+        sample_place at = {first + corner, row, n, vx - (float)kx, vy - (float)ky, vz - (float)kz};
         if (b->fine) {
             find_fine(first, kx, ky, kz, &at);
         }
-        const int16_t *low = at.low, *high = low + at.row * at.row;
+        const int32_t layer = at.row * at.row;
+        const int16_t *low = at.low, *high = low + layer;
         sloped r = trilinear(load_pair(low), load_pair(low + at.row), load_pair(high), load_pair(high + at.row), at.x,
                              at.y, at.z);
         const float scale = slope * at.cells;
@@ -278,7 +281,8 @@ static lane_sets load_corners(const cr_field *f, const int32_t *top, uint32_t la
         find_fine_lanes(s->samples, at, sets.fine & lanes, &p, c);
     }
     for (int i = 0; i < CR_LANES; i++) {
-        const int16_t *low = s->samples + p.index[i], *high = low + p.rows[i] * p.rows[i];
+        const int32_t layer = p.rows[i] * p.rows[i];
+        const int16_t *low = s->samples + p.index[i], *high = low + layer;
         c->pair00[i] = load_pair(low);
         c->pair10[i] = load_pair(low + p.rows[i]);
         c->pair01[i] = load_pair(high);
