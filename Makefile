@@ -333,6 +333,9 @@ bench-properties: build/.develop build/meshes/.stamp $(PEERS)/.libraries ## what
 bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
 	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o build/bench
 
+bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: build/bench/force
+	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o build/bench/force
+
 # In its quick form a known jump is no failure of the target: tests/host/test_stress.py tells known violations from new ones.
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
 	$(if $(QUICK),rm -rf build/stress-quick; )$(CREASE) stress $(if $(QUICK),-o build/stress-quick --cases 6 --per-chunk 6 --scenes 1 \
@@ -464,5 +467,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf build
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

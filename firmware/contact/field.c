@@ -55,6 +55,34 @@ static inline sloped trilinear(uint32_t pair00, uint32_t pair10, uint32_t pair01
     return r;
 }
 
+/* Where a lane lies among samples: those at its cell's low corner, samples of a row, intervals along the brick; how far it is
+ * into the cell. */
+typedef struct {
+    const int16_t *low;
+    int32_t row;
+    float cells, x, y, z;
+} sample_place;
+
+/* Voxel x, y, z of a fine brick may have samples of its own: then the place is among those. */
+static inline void find_fine(const int16_t *brick, int32_t x, int32_t y, int32_t z, sample_place *at) {
+    const int32_t entry =
+        brick[CR_FINE_TABLE + (uint32_t)((z * (int32_t)CR_CELLS_SIDE + y) * (int32_t)CR_CELLS_SIDE + x)];
+    if (entry == 0) {
+        return;
+    }
+    const int32_t side = (entry & (int32_t)CR_FINE_QUARTERS) != 0 ? 4 : 2, row = side + 1;
+    const float n = (float)side, last = n - 1.0f;
+    const float vx = at->x * n, vy = at->y * n, vz = at->z * n;
+    const int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
+    const int32_t place = (entry & (int32_t)CR_FINE_AT) * (int32_t)CR_FINE_UNIT + (kz * row + ky) * row + kx;
+    at->low = brick + place;
+    at->row = row;
+    at->cells *= n;
+    at->x = vx - (float)kx;
+    at->y = vy - (float)ky;
+    at->z = vz - (float)kz;
+}
+
 uint32_t cr_field_kind(const cr_field *f, const cr_lookup *at, int lane) {
     if (at->entry[lane] & CR_TOP_FAR) {
         return 0u;
@@ -143,10 +171,17 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
         const float n = (float)side, last = n - 1.0f;
         const float vx = ux * n, vy = uy * n, vz = uz * n;
         const int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
-        const int16_t *low = s->samples + (int32_t)b->samples + (kz * row + ky) * row + kx, *high = low + row * row;
-        sloped r = trilinear(load_pair(low), load_pair(low + row), load_pair(high), load_pair(high + row),
-                             vx - (float)kx, vy - (float)ky, vz - (float)kz);
-        const float scale = slope * n;
+        const int16_t *first = s->samples + (int32_t)b->samples;
+        const int32_t corner = (kz * row + ky) * row + kx;
+        sample_place at = {first + corner, row, n, vx - (float)kx, vy - (float)ky, vz - (float)kz};
+        if (b->fine) {
+            find_fine(first, kx, ky, kz, &at);
+        }
+        const int32_t layer = at.row * at.row;
+        const int16_t *low = at.low, *high = low + layer;
+        sloped r = trilinear(load_pair(low), load_pair(low + at.row), load_pair(high), load_pair(high + at.row), at.x,
+                             at.y, at.z);
+        const float scale = slope * at.cells;
         out->phi_m[i] = r.value * quantum;
         out->gx[i] = r.x * scale;
         out->gy[i] = r.y * scale;
@@ -186,27 +221,51 @@ typedef struct {
     float cells[CR_LANES]; /* cells along a side of the brick */
 } corners;
 
-/* What the loads reveal: whether any lane is far, and the lanes in bricks with crease cells. */
+/* What the loads reveal: whether any lane is far, and the lanes in bricks with crease cells and in fine bricks. */
 typedef struct {
-    uint32_t far, creased;
+    uint32_t far, creased, fine;
 } lane_sets;
 
-static lane_sets load_corners(const cr_field *f, const int32_t *top, cr_lookup *at, corners *c) {
+/* The cell of each lane in its brick: the sample at its low corner, and samples of a row. */
+typedef struct {
+    int32_t base[CR_LANES], side[CR_LANES], index[CR_LANES], rows[CR_LANES];
+} places;
+
+/* Lanes of fine bricks whose voxel has samples of its own. */
+static void find_fine_lanes(const int16_t *samples, const cr_lookup *at, uint32_t lanes, places *p, corners *c) {
+    const float side = (float)CR_CELLS_SIDE, last = side - 1.0f;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        const int16_t *brick = samples + p->base[i];
+        sample_place place = {samples + p->index[i], p->rows[i], c->cells[i], c->fx[i], c->fy[i], c->fz[i]};
+        find_fine(brick, (int32_t)lower_f(at->ux[i] * side, last), (int32_t)lower_f(at->uy[i] * side, last),
+                  (int32_t)lower_f(at->uz[i] * side, last), &place);
+        p->index[i] = (int32_t)(place.low - samples);
+        p->rows[i] = place.row;
+        c->cells[i] = place.cells;
+        c->fx[i] = place.x;
+        c->fy[i] = place.y;
+        c->fz[i] = place.z;
+    }
+}
+
+static lane_sets load_corners(const cr_field *f, const int32_t *top, uint32_t lanes, cr_lookup *at, corners *c) {
     const cr_scene *s = f->scene;
-    int32_t base[CR_LANES], side[CR_LANES], index[CR_LANES], rows[CR_LANES], layers[CR_LANES];
-    lane_sets sets = {0u, 0u};
+    places p;
+    lane_sets sets = {0u, 0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
         /* A far lane reads the first brick and is overwritten later: no branch, since far and near lanes mix at random. */
         uint32_t entry = s->top[top[i]], far = entry >> 31;
         const struct cr_img_brick *b = &s->bricks[far ? 0u : entry];
         at->entry[i] = entry;
-        base[i] = (int32_t)b->samples;
-        side[i] = (int32_t)b->side;
+        p.base[i] = (int32_t)b->samples;
+        p.side[i] = (int32_t)b->side;
         sets.far |= far;
         sets.creased |= ((uint32_t)b->creased & ~far) << i;
+        sets.fine |= ((uint32_t)b->fine & ~far) << i;
     }
     for (int i = 0; i < CR_LANES; i++) {
-        float n = (float)side[i];
+        float n = (float)p.side[i];
         float vx = at->ux[i] * n, vy = at->uy[i] * n, vz = at->uz[i] * n;
         float last = n - 1.0f;
         int32_t kx = (int32_t)lower_f(vx, last), ky = (int32_t)lower_f(vy, last), kz = (int32_t)lower_f(vz, last);
@@ -214,17 +273,20 @@ static lane_sets load_corners(const cr_field *f, const int32_t *top, cr_lookup *
         c->fy[i] = vy - (float)ky;
         c->fz[i] = vz - (float)kz;
         c->cells[i] = n;
-        int32_t row = side[i] + 1;
-        rows[i] = row;
-        layers[i] = row * row;
-        index[i] = base[i] + kz * layers[i] + ky * row + kx;
+        int32_t row = p.side[i] + 1;
+        p.rows[i] = row;
+        p.index[i] = p.base[i] + (kz * row + ky) * row + kx;
+    }
+    if ((sets.fine & lanes) != 0u) {
+        find_fine_lanes(s->samples, at, sets.fine & lanes, &p, c);
     }
     for (int i = 0; i < CR_LANES; i++) {
-        const int16_t *low = s->samples + index[i], *high = low + layers[i];
+        const int32_t layer = p.rows[i] * p.rows[i];
+        const int16_t *low = s->samples + p.index[i], *high = low + layer;
         c->pair00[i] = load_pair(low);
-        c->pair10[i] = load_pair(low + rows[i]);
+        c->pair10[i] = load_pair(low + p.rows[i]);
         c->pair01[i] = load_pair(high);
-        c->pair11[i] = load_pair(high + rows[i]);
+        c->pair11[i] = load_pair(high + p.rows[i]);
     }
     return sets;
 }
@@ -262,7 +324,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     float beyond_m[CR_LANES];
     corners c;
     find_places(f, p, out, top, beyond_m);
-    lane_sets sets = load_corners(f, top, out, &c);
+    lane_sets sets = load_corners(f, top, lanes, out, &c);
     interpolate(f, &c, out);
     out->from_facet = 0u;
     out->bent = 0u;

@@ -172,10 +172,32 @@ static cr_err check_top(const cr_scene *s) {
     return CR_OK;
 }
 
-static cr_err check_brick(const cr_scene *s, const struct cr_img_brick *b) {
+/* A fine brick, after the brick before it: its table and the blocks that it names. Fine bricks lie in their order and apart, so that
+ * this work is no more than the samples are. */
+static cr_err check_fine(const cr_scene *s, const struct cr_img_brick *b, uint32_t *next) {
+    const uint32_t room = s->sample_count - b->samples, voxels = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
+    if (b->side != CR_BRICK_SIDE_MAX) {
+        return CR_ERR_VALUE;
+    }
+    if (b->samples < *next || room < CR_FINE_BLOCKS) {
+        return CR_ERR_INDEX;
+    }
+    for (uint32_t i = 0; i < voxels; i++) {
+        const int32_t entry = s->samples[b->samples + CR_FINE_TABLE + i];
+        const uint32_t bits = (uint32_t)entry & 0xffffu, at = (bits & CR_FINE_AT) * CR_FINE_UNIT;
+        const uint32_t need = (bits & CR_FINE_QUARTERS) != 0u ? 125u : 27u;
+        if (entry != 0 && (entry < 0 || at < CR_FINE_BLOCKS || at > room || need > room - at)) {
+            return CR_ERR_INDEX;
+        }
+    }
+    *next = b->samples + CR_FINE_BLOCKS;
+    return CR_OK;
+}
+
+static cr_err check_brick(const cr_scene *s, const struct cr_img_brick *b, uint32_t *next_fine) {
     const uint32_t cells = b->side, side = cells + 1u, need = side * side * side;
     const uint32_t table = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
-    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u) {
+    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u || b->fine > 1u) {
         return CR_ERR_VALUE;
     }
     if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count ||
@@ -188,13 +210,14 @@ static cr_err check_brick(const cr_scene *s, const struct cr_img_brick *b) {
     if (b->cells != CR_CELLS_NONE && (b->cells > s->cell_count || table > s->cell_count - b->cells)) {
         return CR_ERR_INDEX;
     }
-    return CR_OK;
+    return b->fine != 0u ? check_fine(s, b, next_fine) : CR_OK;
 }
 
 static cr_err check_voxmap(const cr_scene *s) {
     cr_err err = check_top(s);
+    uint32_t next_fine = 0u;
     for (uint32_t i = 0; i < s->brick_count && err == CR_OK; i++) {
-        err = check_brick(s, &s->bricks[i]);
+        err = check_brick(s, &s->bricks[i], &next_fine);
     }
     for (uint32_t i = 0; i < s->sample_count && err == CR_OK; i++) {
         err = s->samples[i] < -32767 ? CR_ERR_VALUE : CR_OK; /* beyond the band */

@@ -8,8 +8,8 @@ points on the wrong side, processor and wall time, peak memory, size of the imag
 judge of the side is libigl's winding number of the clean part: points nearer to its surface than the damage moved it do
 not count.
 
---judge names a function (scene image, folder) -> dict[str, str] whose columns follow: clearing and amplification along
-a path.
+--judge names a function (scene image, folder) -> dict[str, str] whose columns follow: mesh_judge:judge has clearing and
+amplification along a path (`make bench-meshes-force`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 /* Scene images: whatever opens ticks soundly. The mutator knows the sections and repairs sums and checksum, so that mutants get
- * past the header; it starts from small images of an edge, a room and a ball, made here, so that no image is kept as a seed. */
+ * past the header; it starts from small images of an edge, a room, a ball and a ball of fine voxels, made here, so that no image is kept as a seed. */
 #include "fuzz.h"
 #include "image_builder.h"
 
 #include <math.h>
 
-#define BASES 3
+#define BASES 4
 #define TICKS 8
 #define WORLD_MAX (1u << 26)
 
@@ -85,11 +85,14 @@ static void make_base(int at, const crt_solid *solid, double voxel_m, const uint
 
 static void make_bases(void) {
     const crt_solid box = crt_box(-8e-3, 4.8e-3, 16e-3, -4.8e-3, 0.0), ball = crt_ball(10e-3);
+    crt_solid fine = ball;
+    fine.fine = 1;
     const crt_solid room = crt_room(-8e-3, 4.8e-3, 16e-3, -4.8e-3, 0.0);
     const uint32_t low[2][3] = {{3u, 3u, 1u}, {1u, 1u, 2u}}, high[2][3] = {{4u, 5u, 3u}, {3u, 3u, 4u}};
     make_base(0, &box, 1e-3, low[0], high[0]);
     make_base(1, &room, 1e-3, low[0], high[0]);
     make_base(2, &ball, 2e-3, low[1], high[1]);
+    make_base(3, &fine, 2e-3, low[1], high[1]);
 }
 
 #define HEAD (sizeof(struct cr_img_header) + CR_SEC_COUNT * sizeof(struct cr_img_section))

@@ -22,6 +22,7 @@ from study.points import MEASURES, Point, less_error, read_points, verdict, writ
 from study.precision import compare, force_um
 from study.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
 from study.scaling import corner_poses, exponent
+from study.touched import LINE, SECTIONS, build_counter, bytes_of, count
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "bench")]
@@ -247,3 +248,24 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
     points = read_points(tmp_path / "pareto.csv")
     assert {"peer", "zones", "fixed45", "exact boolean"} <= {p.label for p in points}
     assert (tmp_path / "pareto.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_bytes_that_a_tick_reads_are_counted(
+    scene_crs: Path, press_csv: Path, tmp_path: Path
+) -> None:
+    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+    rows = count(build_counter(tmp_path / "touched"), scene, path, ReplayOptions())
+    ticked = run_path(scene, path)
+    assert (rows["contacts"] == ticked["contacts"]).all()
+    lines = {name: rows["lines"][:, number - 1] for number, name in SECTIONS}
+    size = bytes_of(rows)
+    free, touching = ticked["nodes"] <= 1, ticked["contacts"] > 0
+    assert free.any()
+    # In free space: numbers of META, one entry of TOP, one brick and its four rows of samples.
+    assert (size[free] <= LINE * 24).all()
+    assert (lines["clusters"][free] == 0).all()
+    # A cluster with samples inside: places and area vectors of 16 lanes at least, and never more than all of it.
+    clusters = ticked["clusters"][touching]
+    assert (LINE * lines["clusters"][touching] >= 6 * 64 * clusters).all()
+    assert (size <= len(scene.image)).all()
+    assert (lines["edges"] == 0).all()

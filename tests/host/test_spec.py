@@ -10,14 +10,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+import trimesh
+from crease.bake.bake import BakeOptions, bake_scene
 from crease.base.native import ffi, lib
-from crease.base.scene import Scene, open_scene
+from crease.base.scene import Scene, open_image, open_scene
+from crease.mesh.mesh import make_mesh
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TEXT = (ROOT / "firmware" / "SPEC.md").read_text(encoding="utf-8")
 SERVO_TEXT = (ROOT / "firmware" / "servo" / "SPEC.md").read_text(encoding="utf-8")
 
-C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "i16": "int16_t", "f32": "float"}
+C_TYPES = {
+    "u8": "uint8_t",
+    "u16": "uint16_t",
+    "u32": "uint32_t",
+    "i16": "int16_t",
+    "f32": "float",
+}
 NUMPY_TYPES = {"u8": "u1", "u16": "<u2", "u32": "<u4", "i16": "<i2", "f32": "<f4"}
 TABLE = re.compile(r"^#+ [^\n]*`(cr_img_\w+)`, (\d+) bytes$(.*?)(?=^#)", re.MULTILINE | re.DOTALL)
 FIELD = re.compile(r"^\| (\d+) \| (\w+)(?:\[(\d+)\])? \| (\w+) \|", re.MULTILINE)
@@ -179,20 +188,34 @@ class SpecImage:
         self, brick: Any, u: npt.NDArray[np.float64]
     ) -> tuple[float, npt.NDArray[np.float64]]:
         side = int(brick["side"])
-        first, n = int(brick["samples"]), side + 1
-        cube = self.part["SAMPLES"][first : first + n**3].reshape(n, n, n).astype(np.float64)
+        first = int(brick["samples"])
         v = side * u
         k = np.minimum(v.astype(int), side - 1)
         f = v - k
+        entry = int(self.part["SAMPLES"][first + 736 + k @ [1, 8, 64]]) if brick["fine"] else 0
+        if entry:
+            n = 4 if entry & 0x4000 else 2
+            first, side, v = first + 32 * (entry & 0x3FFF), side * n, n * f
+            k = np.minimum(v.astype(int), n - 1)
+            f = v - k
+        n = (n if entry else side) + 1
+        cube = self.part["SAMPLES"][first : first + n**3].reshape(n, n, n).astype(np.float64)
         eight = cube[k[2] : k[2] + 2, k[1] : k[1] + 2, k[0] : k[0] + 2]
         ends = [np.array([1 - t, t]) for t in f]
         slope = np.array([-1.0, 1.0])
-        quantum, step = float(self.meta["quantum_m"]), float(self.meta["brick_m"]) / side
+        quantum, step = (
+            float(self.meta["quantum_m"]),
+            float(self.meta["brick_m"]) / side,
+        )
 
         def weigh(x: Any, y: Any, z: Any) -> float:
             return float(np.einsum("zyx,x,y,z", eight, x, y, z)) * quantum
 
-        rows = [(slope, ends[1], ends[2]), (ends[0], slope, ends[2]), (ends[0], ends[1], slope)]
+        rows = [
+            (slope, ends[1], ends[2]),
+            (ends[0], slope, ends[2]),
+            (ends[0], ends[1], slope),
+        ]
         return weigh(*ends), np.array([weigh(*row) for row in rows]) / step
 
     def _planes(
@@ -226,22 +249,25 @@ def spec_image(scene_crs: Path) -> SpecImage:
     return SpecImage(scene_crs.read_bytes())
 
 
+@pytest.fixture(scope="module")
+def thin_image() -> bytes:
+    """A tube with a wall of 0.7 mm, voxels of 1 mm."""
+    tube = trimesh.creation.annulus(r_min=9.3, r_max=10.0, height=20.0, sections=48)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=5.0)
+    static, tool = (
+        make_mesh(m.vertices, m.faces, 1e-3, source="made", digest_sha256="0" * 64)
+        for m in (tube, ball)
+    )
+    return bake_scene(static, tool, BakeOptions(voxel_m=1e-3, spacing_m=1e-3)).image
+
+
 def test_checksum_is_the_one_described(spec_image: SpecImage) -> None:
     assert spec_image.crc() == int(spec_image.header["crc32"])
     assert bytes(spec_image.header["magic"]).hex(" ") in TEXT
 
 
-def test_distances_come_from_the_page_alone(scene_crs: Path, spec_image: SpecImage) -> None:
-    """Planes, edges and vertices of the block, flat and far bricks, and points beyond the grid."""
-    rng = np.random.default_rng(3)
-    anywhere = rng.uniform(-0.12, 0.12, (1500, 3))
-    corners = np.array(
-        [[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04) for z in (-0.04, 0)]
-    )
-    near = corners[rng.integers(0, 8, 1500)] + rng.normal(scale=0.002, size=(1500, 3))
-    sides = rng.uniform([-0.04, -0.04, -0.003], [0.04, 0.04, 0.003], (500, 3))
-    points = np.concatenate([anywhere, near, sides]).astype(np.float32)
-    scene: Scene = open_scene(scene_crs)
+def looked_up(scene: Scene, points: npt.NDArray[np.float32]) -> list[npt.NDArray[Any]]:
+    """Distances, gradients and facets that the tick would see at points (n, 3)."""
     phi = np.empty(len(points), np.float32)
     gradient = np.empty((len(points), 3), np.float32)
     kind, facet = np.empty(len(points), np.uint32), np.empty(len(points), np.uint32)
@@ -254,6 +280,34 @@ def test_distances_come_from_the_page_alone(scene_crs: Path, spec_image: SpecIma
         ffi.from_buffer("uint32_t[]", kind),
         ffi.from_buffer("uint32_t[]", facet),
     )
+    return [phi, gradient, facet]
+
+
+def test_distances_of_fine_voxels_come_from_the_page_alone(thin_image: bytes) -> None:
+    """A wall thinner than a voxel: many points lie in voxels that have samples of their own."""
+    image = SpecImage(thin_image)
+    assert (image.part["BRICKS"]["fine"] == 1).sum() > 3
+    rng = np.random.default_rng(5)
+    turn, radius, z = rng.uniform([0.0, 0.0085, -0.011], [6.28, 0.0108, 0.011], (3000, 3)).T
+    points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
+    phi, gradient, _ = looked_up(open_image(thin_image, "thin"), points.astype(np.float32))
+    read = [image.distance(p) for p in points.astype(np.float32).astype(np.float64)]
+    np.testing.assert_allclose(phi, [r[0] for r in read], atol=1e-6)
+    off = np.linalg.norm(gradient - np.array([r[1] for r in read]), axis=1)
+    assert (off < 1e-3).mean() > 0.995
+
+
+def test_distances_come_from_the_page_alone(scene_crs: Path, spec_image: SpecImage) -> None:
+    """Planes, edges and vertices of the block, flat and far bricks, and points beyond the grid."""
+    rng = np.random.default_rng(3)
+    anywhere = rng.uniform(-0.12, 0.12, (1500, 3))
+    corners = np.array(
+        [[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04) for z in (-0.04, 0)]
+    )
+    near = corners[rng.integers(0, 8, 1500)] + rng.normal(scale=0.002, size=(1500, 3))
+    sides = rng.uniform([-0.04, -0.04, -0.003], [0.04, 0.04, 0.003], (500, 3))
+    points = np.concatenate([anywhere, near, sides]).astype(np.float32)
+    phi, gradient, facet = looked_up(open_scene(scene_crs), points)
     read = [spec_image.distance(p) for p in points.astype(np.float64)]
     assert (facet != 0xFFFFFFFF).sum() > 500
     assert (np.linalg.norm(gradient, axis=1) == 0).sum() > 100

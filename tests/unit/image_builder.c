@@ -268,38 +268,33 @@ static void fill_meta_of_grid(const crt_solid *s, struct cr_img_meta *m, double 
     m->piece_count = 1u;
 }
 
-/* Samples and cells of one near brick whose low corner is given. */
-static void fill_brick(const crt_solid *s, const struct cr_img_meta *m, const double low[3], struct cr_img_brick *brick,
-                       int16_t *samples, uint16_t *cells) {
+/* Cells of one near brick whose low corner is given. */
+static void fill_cells(const crt_solid *s, const struct cr_img_meta *m, const double low[3], struct cr_img_brick *brick,
+                       uint16_t *cells) {
     double voxel = (double)m->brick_m / 8.0, planes[FACETS_MAX][4];
-    brick->side = 8u;
     for (int f = 0; f < crt_facets(s); f++) {
         crt_plane(s, f, planes[f]);
-    }
-    for (int k = 0; k < 9 * 9 * 9; k++) {
-        double p[3] = {low[0] + k % 9 * voxel, low[1] + k / 9 % 9 * voxel, low[2] + k / 81 * voxel};
-        samples[k] = (int16_t)lround(crt_distance(s, p) / (double)m->quantum_m);
     }
     for (int k = 0; k < 512; k++) {
         double p[3] = {low[0] + k % 8 * voxel, low[1] + k / 8 % 8 * voxel, low[2] + k / 64 * voxel};
         uint32_t set = s->ball_m > 0.0 ? 1u : facets_of_cell(s, (const double(*)[4])planes, p, voxel);
         cells[k] = (uint16_t)set;
-        brick->creased = (uint16_t)(brick->creased | ((set & (set - 1u)) != 0u));
+        brick->creased = (uint8_t)(brick->creased | ((set & (set - 1u)) != 0u));
     }
 }
 
 static void fill_voxmap(const crt_solid *s, const struct cr_img_meta *m, parts *p) {
-    uint32_t tops = m->dims[0] * m->dims[1] * m->dims[2], near = 0u, tables = 0u;
+    uint32_t tops = m->dims[0] * m->dims[1] * m->dims[2], near = 0u, tables = 0u, at = 0u;
     double brick_m = (double)m->brick_m, diagonal = 0.5 * sqrt(3.0) * brick_m, quantum = (double)m->quantum_m;
     uint32_t *top = add_part(p, CR_SEC_TOP, tops, sizeof *top);
     struct cr_img_brick *bricks = add_part(p, CR_SEC_BRICKS, tops, sizeof *bricks);
-    int16_t *samples = add_part(p, CR_SEC_SAMPLES, tops * 729u, sizeof *samples);
+    int16_t *samples = add_part(p, CR_SEC_SAMPLES, tops * (s->fine ? CRT_BRICK_MOST : 729u), sizeof *samples);
     uint16_t *cells = add_part(p, CR_SEC_CELLS, tops * 512u, sizeof *cells);
     for (uint32_t i = 0; i < tops; i++) {
-        uint32_t at[3] = {i % m->dims[0], i / m->dims[0] % m->dims[1], i / (m->dims[0] * m->dims[1])};
+        uint32_t place[3] = {i % m->dims[0], i / m->dims[0] % m->dims[1], i / (m->dims[0] * m->dims[1])};
         double low[3], centre[3];
         for (int a = 0; a < 3; a++) {
-            low[a] = (double)m->origin_m[a] + at[a] * brick_m;
+            low[a] = (double)m->origin_m[a] + place[a] * brick_m;
             centre[a] = low[a] + 0.5 * brick_m;
         }
         double d = crt_distance(s, centre), bound = fabs(d) - diagonal;
@@ -309,8 +304,9 @@ static void fill_voxmap(const crt_solid *s, const struct cr_img_meta *m, parts *
         }
         struct cr_img_brick *b = &bricks[near];
         uint16_t *table = cells + 512u * tables;
-        b->samples = 729u * near;
-        fill_brick(s, m, low, b, samples + b->samples, table);
+        b->samples = at;
+        at += crt_fill_samples(s, m, low, b, samples + at);
+        fill_cells(s, m, low, b, table);
         b->cells = 512u * tables;
         int uniform = 1;
         for (int k = 1; k < 512; k++) {
@@ -321,7 +317,7 @@ static void fill_voxmap(const crt_solid *s, const struct cr_img_meta *m, parts *
         top[i] = near++;
     }
     p->count[CR_SEC_BRICKS] = near;
-    p->count[CR_SEC_SAMPLES] = 729u * near;
+    p->count[CR_SEC_SAMPLES] = at;
     p->count[CR_SEC_CELLS] = 512u * tables;
 }
 

@@ -6,6 +6,7 @@
 #include "contact/stages.h"
 
 #define CRT_SIDES_MAX 4
+#define CRT_BRICK_MOST (CR_FINE_BLOCKS + 512u * 128u)
 
 /* A convex polygon in the x-z plane (counter-clockwise from x to z) swept along y from -half_y_m to half_y_m; hollow: all of
  * space but that, so that its creases are concave. With ball_m > 0 a ball about the origin instead. */
@@ -15,6 +16,7 @@ typedef struct {
     double half_y_m;
     int hollow;
     double ball_m;
+    int fine; /* voxels that hold surface have samples of their own: those with an even index halves, the others quarters */
 } crt_solid;
 
 /* Purpose  a box between low and high (its y range is about zero).   Output  facets in the order -z, +x, +z, -x, -y, +y. */
@@ -65,6 +67,12 @@ uint8_t *crt_image(const crt_solid *solid, const crt_tool *tool, double voxel_m,
 /* Purpose  an image of crt_image whose tree is one group, as small as it gets: the bricks from low to below high alone, what
  *          repeats stored once, two leaf groups under a root. The caller frees it; image stays.   Output  size in *size_bytes. */
 uint8_t *crt_shrink(uint8_t *image, const uint32_t low[3], const uint32_t high[3], uint32_t *size_bytes);
+/* Purpose  samples of a near brick whose low corner is given, at most CRT_BRICK_MOST of them; fine ones when the solid says so and the
+ *          brick holds surface.   Output  how many. */
+uint32_t crt_fill_samples(const crt_solid *solid, const struct cr_img_meta *meta, const double low[3],
+                          struct cr_img_brick *brick, int16_t *samples);
+/* Purpose  how many samples a brick of an image has, its table and blocks included. */
+uint32_t crt_samples_of(const struct cr_img_brick *brick, const int16_t *samples);
 /* Purpose  write the checksum after a change. */
 void crt_seal(uint8_t *image);
 /* Purpose  a section of a well-formed image and its table row. */

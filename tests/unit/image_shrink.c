@@ -10,7 +10,6 @@
 #include <cmocka.h>
 
 #define CORNERS 9u /* samples along a side of the bricks that crt_image makes */
-#define BLOCK (CORNERS * CORNERS * CORNERS)
 #define TABLE (CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE)
 
 /* Sections while they grow. */
@@ -50,7 +49,10 @@ static uint32_t keep_kind(parts *p, uint8_t *image, uint32_t kind) {
 static uint32_t keep_brick(parts *p, uint8_t *image, uint32_t index) {
     struct cr_img_brick b = ((const struct cr_img_brick *)crt_section(image, CR_SEC_BRICKS))[index];
     const int16_t *samples = (const int16_t *)crt_section(image, CR_SEC_SAMPLES) + b.samples;
-    if (b.cells == CR_CELLS_NONE) {
+    if (b.cells == CR_CELLS_NONE && b.fine) {
+        b.samples = keep(p, CR_SEC_SAMPLES, samples, crt_samples_of(&b, samples));
+        b.kind = (uint16_t)keep_kind(p, image, b.kind);
+    } else if (b.cells == CR_CELLS_NONE) {
         int16_t corner[8];
         for (uint32_t k = 0; k < 8u; k++) {
             corner[k] = samples[8u * ((k & 1u) + CORNERS * (k >> 1 & 1u) + CORNERS * CORNERS * (k >> 2))];
@@ -64,7 +66,7 @@ static uint32_t keep_brick(parts *p, uint8_t *image, uint32_t index) {
         for (uint32_t k = 0; k < TABLE; k++) {
             table[k] = (uint16_t)keep_kind(p, image, cells[k]);
         }
-        b.samples = keep(p, CR_SEC_SAMPLES, samples, BLOCK);
+        b.samples = keep(p, CR_SEC_SAMPLES, samples, crt_samples_of(&b, samples));
         b.cells = keep(p, CR_SEC_CELLS, table, TABLE);
         b.kind = b.planes != 0u ? (uint16_t)keep_kind(p, image, b.kind) : 0u;
     }

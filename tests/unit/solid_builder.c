@@ -5,7 +5,7 @@
 #include <string.h>
 
 crt_solid crt_box(double x_low, double x_high, double half_y, double z_low, double z_high) {
-    crt_solid s = {{{x_low, z_low}, {x_high, z_low}, {x_high, z_high}, {x_low, z_high}}, 4, half_y, 0, 0.0};
+    crt_solid s = {{{x_low, z_low}, {x_high, z_low}, {x_high, z_high}, {x_low, z_high}}, 4, half_y, 0, 0.0, 0};
     return s;
 }
 
@@ -17,12 +17,12 @@ crt_solid crt_room(double x_low, double x_high, double half_y, double z_low, dou
 
 crt_solid crt_wedge(double angle_rad, double height, double half_y) {
     double x = height * tan(0.5 * angle_rad);
-    crt_solid s = {{{-x, -height}, {x, -height}, {0.0, 0.0}}, 3, half_y, 0, 0.0};
+    crt_solid s = {{{-x, -height}, {x, -height}, {0.0, 0.0}}, 3, half_y, 0, 0.0, 0};
     return s;
 }
 
 crt_solid crt_ball(double radius) {
-    crt_solid s = {{{0.0}}, 0, 0.0, 0, radius};
+    crt_solid s = {{{0.0}}, 0, 0.0, 0, radius, 0};
     return s;
 }
 

@@ -128,6 +128,50 @@ static void field_stays_within_its_stated_error_on_a_ball(void **state) {
     crt_close(&rig);
 }
 
+/* Where voxels have samples of their own: an error that goes with the square of their intervals, and gradients of the ball. */
+static void field_takes_the_samples_of_fine_voxels(void **state) {
+    (void)state;
+    crt_solid ball = crt_ball(10e-3);
+    const double low[3] = {-11e-3, -11e-3, -11e-3}, high[3] = {11e-3, 11e-3, 11e-3};
+    double error[2];
+    for (int fine = 0; fine < 2; fine++) {
+        crt_rig rig;
+        int compared = 0;
+        ball.fine = fine;
+        open_with_cube(&rig, &ball);
+        error[fine] = largest_error(&rig, &ball, low, high, 0.02e-3, &compared);
+        assert_true(compared > 20);
+        crt_close(&rig);
+    }
+    assert_true(error[1] < 0.3 * error[0]);
+}
+
+static void field_has_the_slope_of_fine_voxels(void **state) {
+    (void)state;
+    crt_solid ball = crt_ball(10e-3);
+    crt_rig rig;
+    ball.fine = 1;
+    open_with_cube(&rig, &ball);
+    uint64_t seed = 5u;
+    for (int n = 0; n < 100; n++) {
+        float p[CR_LANES][3];
+        cr_lookup at;
+        for (int i = 0; i < CR_LANES; i++) {
+            const cr_quat q = crt_random_rotation(&seed);
+            const float size = 10e-3f / sqrtf(q.x * q.x + q.y * q.y + q.z * q.z);
+            p[i][0] = q.x * size;
+            p[i][1] = q.y * size;
+            p[i][2] = q.z * size;
+        }
+        look_up(&rig, (const float(*)[3])p, &at);
+        for (int i = 0; i < CR_LANES; i++) {
+            const float along = (at.gx[i] * p[i][0] + at.gy[i] * p[i][1] + at.gz[i] * p[i][2]) / 10e-3f;
+            assert_true(fabsf(along - 1.0f) < 0.08f); /* samples twice too far apart: 1.0 */
+        }
+    }
+    crt_close(&rig);
+}
+
 static void field_gradient_is_the_facet_normal_on_a_face(void **state) {
     (void)state;
     crt_solid wedge = crt_wedge(70.0 * PI / 180.0, 40e-3, 30e-3);
@@ -299,6 +343,8 @@ int main(void) {
         cmocka_unit_test(field_is_exact_at_a_concave_edge),
         cmocka_unit_test(field_is_exact_at_a_concave_vertex),
         cmocka_unit_test(field_stays_within_its_stated_error_on_a_ball),
+        cmocka_unit_test(field_takes_the_samples_of_fine_voxels),
+        cmocka_unit_test(field_has_the_slope_of_fine_voxels),
         cmocka_unit_test(field_gradient_is_the_facet_normal_on_a_face),
         cmocka_unit_test(field_gradient_points_away_from_the_nearest_point_of_an_edge),
         cmocka_unit_test(field_far_bricks_give_lower_bounds),

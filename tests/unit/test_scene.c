@@ -235,6 +235,65 @@ static void scene_refuses_an_index_past_every_table(void **state) {
     assert_int_equal(with_word(CR_SEC_ADJ, 0, s.cluster_count), CR_ERR_INDEX);
 }
 
+/* A ball of fine bricks in place of the block; `spoil` changes its bricks or samples. */
+static cr_err open_fine(void (*spoil)(struct cr_img_brick *first, struct cr_img_brick *second, int16_t *samples,
+                                      uint32_t count)) {
+    crt_solid ball = crt_ball(6e-3);
+    crt_tool tool = crt_plate();
+    uint32_t bytes = 0u;
+    cr_scene s;
+    ball.fine = 1;
+    uint8_t *image = crt_image(&ball, &tool, 1e-3, &bytes);
+    struct cr_img_brick *bricks = crt_section(image, CR_SEC_BRICKS), *fine[2] = {NULL, NULL};
+    for (uint32_t i = 0, found = 0; i < crt_row(image, CR_SEC_BRICKS)->count && found < 2u; i++) {
+        if (bricks[i].fine) {
+            fine[found++] = &bricks[i];
+        }
+    }
+    assert_non_null(fine[1]);
+    spoil(fine[0], fine[1], crt_section(image, CR_SEC_SAMPLES), crt_row(image, CR_SEC_SAMPLES)->count);
+    crt_seal(image);
+    const cr_err err = cr_scene_open(&s, image, bytes);
+    crt_tool_free(&tool);
+    free(image);
+    return err;
+}
+
+#define SPOIL(name, body)                                                                                              \
+    static void name(struct cr_img_brick *first, struct cr_img_brick *second, int16_t *samples, uint32_t count) {      \
+        int16_t *table = samples + first->samples + CR_FINE_TABLE;                                                     \
+        (void)second;                                                                                                  \
+        (void)table;                                                                                                   \
+        (void)count;                                                                                                   \
+        body;                                                                                                          \
+    }
+SPOIL(leave, (void)0)
+SPOIL(coarser, first->side = 4u)
+SPOIL(negative, table[0] = -1)
+SPOIL(into_the_table, table[0] = (int16_t)(CR_FINE_BLOCKS / CR_FINE_UNIT - 1u))
+SPOIL(first_block, table[0] = (int16_t)(CR_FINE_BLOCKS / CR_FINE_UNIT))
+SPOIL(past_the_samples, table[511] = (int16_t)((count - first->samples - 27u) / CR_FINE_UNIT + 1u))
+SPOIL(last_halves, table[511] = (int16_t)((count - first->samples - 27u) / CR_FINE_UNIT))
+SPOIL(last_quarters, table[511] = (int16_t)(((count - first->samples - 27u) / CR_FINE_UNIT) | CR_FINE_QUARTERS))
+SPOIL(shared, second->samples = first->samples)
+SPOIL(overlapping, second->samples = first->samples + CR_FINE_BLOCKS - 1u)
+SPOIL(no_room, first->samples = second->samples = count - CR_FINE_BLOCKS + 1u)
+
+static void scene_refuses_fine_bricks_that_name_samples_of_others_or_none(void **state) {
+    (void)state;
+    assert_int_equal(open_fine(leave), CR_OK);
+    assert_int_equal(open_fine(first_block), CR_OK);
+    assert_int_equal(open_fine(last_halves), CR_OK);
+    assert_int_equal(open_fine(coarser), CR_ERR_VALUE);
+    assert_int_equal(open_fine(negative), CR_ERR_INDEX);
+    assert_int_equal(open_fine(into_the_table), CR_ERR_INDEX);
+    assert_int_equal(open_fine(past_the_samples), CR_ERR_INDEX);
+    assert_int_equal(open_fine(last_quarters), CR_ERR_INDEX);
+    assert_int_equal(open_fine(shared), CR_ERR_INDEX);
+    assert_int_equal(open_fine(overlapping), CR_ERR_INDEX);
+    assert_int_equal(open_fine(no_room), CR_ERR_INDEX);
+}
+
 static void scene_refuses_pairs_out_of_order(void **state) {
     (void)state;
     assert_int_equal(with_word(CR_SEC_PAIRS, 0, 5u), CR_ERR_INDEX);
@@ -281,7 +340,9 @@ static void scene_refuses_counts_out_of_range(void **state) {
     for (size_t i = 0; i < sizeof sides / sizeof *sides; i++) {
         assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), sides[i]), CR_ERR_VALUE);
     }
+    assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 16u), CR_ERR_VALUE);
     assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 2u << 16), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 2u << 24), CR_ERR_VALUE);
     /* Planes have to be those of a kind that has some, and so has the kind then. */
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, 1u << 16), CR_ERR_VALUE);
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, 1u << 16 | 1u), CR_OK);
@@ -504,6 +565,7 @@ int main(void) {
         cmocka_unit_test(scene_refuses_sections_that_must_not_be_empty),
         cmocka_unit_test(scene_refuses_tables_that_disagree_on_their_length),
         cmocka_unit_test(scene_refuses_an_index_past_every_table),
+        cmocka_unit_test(scene_refuses_fine_bricks_that_name_samples_of_others_or_none),
         cmocka_unit_test(scene_refuses_pairs_out_of_order),
         cmocka_unit_test(scene_refuses_groups_in_a_cycle),
         cmocka_unit_test(scene_refuses_a_tree_deeper_than_the_stack),

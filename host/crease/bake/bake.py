@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.bake.distance_errors import measure_errors
+from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
 from crease.bake.limits import check_grid, check_spacing, default_memory_max
 from crease.bake.shell import Shell, make_shell
 from crease.bake.surface import Surface, make_surface
-from crease.bake.voxmap import Voxmap, grid_cells, make_voxmap
+from crease.bake.voxmap import Voxmap, make_voxmap
 from crease.base.errors import MeshError
 from crease.base.native import lib
 from crease.base.units import format_length, format_size
@@ -257,6 +258,7 @@ def bake_scene(
             "tolerance_m": sizes.tolerance_m,
             **errors,
             "bricks_by_level": voxmap.levels,
+            "fine_voxels": voxmap.fine_voxels,
             "cells_by_kind": voxmap.kind_counts,
             "facets": surface.counts["facets"],
             "points": shell.points,

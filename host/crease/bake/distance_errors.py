@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from crease.bake.grid import Grid, brick_points
 from crease.bake.kinds import distance_of_kind
 from crease.bake.surface import Surface
-from crease.bake.voxmap import Grid, Voxmap, brick_points
+from crease.bake.voxmap import Voxmap
 from crease.base.native import ffi, lib
 from crease.base.scene import open_image
 

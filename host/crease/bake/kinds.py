@@ -29,6 +29,7 @@ class Kinds:
         self._planes: list[tuple[F64, int, int]] = []
         self._planar: dict[int, int] = {}
         self._curved: dict[int, int] = {}
+        self._local: dict[tuple[int, bytes], int] = {}
 
     def planar(self, facet: int) -> int:
         """Index in the image of a real facet."""
@@ -47,9 +48,12 @@ class Kinds:
         return self._curved[patch]
 
     def local(self, facets: npt.NDArray[np.int64], patch: int) -> int:
-        """Index of a new facet that stands for some facets of a curved patch near one cell."""
-        self._planes.append((self._mean(facets), patch, 1))
-        return len(self._planes) - 1
+        """Index of the facet that stands for some facets of a curved patch near one cell."""
+        key = patch, facets.tobytes()
+        if key not in self._local:
+            self._local[key] = len(self._planes)
+            self._planes.append((self._mean(facets), patch, 1))
+        return self._local[key]
 
     def _mean(self, facets: npt.NDArray[Any]) -> F64:
         area = self._surface.facet_area_m2[facets][:, None]

@@ -11,14 +11,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from crease.bake.grid import Grid, brick_points, lattice, make_grid, trilinear
 from crease.bake.kinds import KINDS_MAX, Kinds, convex_distance
-from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX, LEVEL_MAX
+from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, FINE_UNIT, KIND_FACETS_MAX
 from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
+from crease.bake.refine import Coarse, Fine, pack_fine, refine
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
 from crease.base.native import lib
-from crease.mesh.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -34,28 +35,9 @@ PROBE_MARGIN = 0.4
 """How far, in cells, the probes reach beyond the cell: planes that only just matter inside are seen."""
 FEW = 13
 """Every so many probes are looked at first: most planes that do not agree are seen to by ten of them."""
-REACH_VOXELS = 4
-"""Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more looks."""
 BRICKS_MAX = 1_000_000
-GRID_MAX = 200_000_000
 BLOCK = 16_384
 """Bricks whose points are in memory at once. Blocks of points start anew as those of threads do (surface.py)."""
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Brick grid. Shapes: origin_m (3,); dims x, y, z.
-
-    near_m: up to this distance samples of the tool are covered, and distances have to be right. reach_m: bricks this
-    close to the surface hold distances, so that spheres of the tool's tree can be told free.
-    """
-
-    origin_m: F64
-    dims: tuple[int, int, int]
-    brick_m: float
-    voxel_m: float
-    near_m: float
-    reach_m: float
 
 
 @dataclass
@@ -73,62 +55,8 @@ class Voxmap:
     band_m: float
     crease_m: float
     levels: dict[int, int]
+    fine_voxels: dict[int, int]
     kind_counts: dict[str, int]
-
-
-def grid_cells(mesh: Mesh, voxel_m: float) -> float:
-    """About how many bricks the grid of a mesh has."""
-    size = np.ptp(mesh.vertices_m, axis=0)
-    return float(np.prod(size / (CELLS_SIDE * voxel_m) + 2.0 + 2.0 * REACH_VOXELS / CELLS_SIDE))
-
-
-def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
-    """A grid whose border bricks are all farther than near_m from the surface."""
-    brick = float(np.float32(voxel_m * CELLS_SIDE))
-    low, high = surface.mesh.vertices_m.min(axis=0), surface.mesh.vertices_m.max(axis=0)
-    reach = max(near_m, REACH_VOXELS * voxel_m)
-    pad = brick + 1.01 * reach
-    origin = (low - pad).astype(np.float32).astype(np.float64)
-    dims = np.ceil((high + pad - origin) / brick).astype(np.int64)
-    if int(np.prod(dims)) > GRID_MAX or int(dims.max()) > 65536:
-        raise MeshError(
-            f"{surface.mesh.source}: a voxel of {voxel_m:g} m makes {np.prod(dims):,} bricks, at most {GRID_MAX:,} fit;"
-            " use a larger --voxel"
-        )
-    return Grid(
-        origin,
-        (int(dims[0]), int(dims[1]), int(dims[2])),
-        brick,
-        brick / CELLS_SIDE,
-        near_m,
-        reach,
-    )
-
-
-def brick_points(grid: Grid, bricks: npt.NDArray[Any], offsets: F64) -> F64:
-    """Points of bricks: brick indices (n, 3) as x, y, z; offsets (m, 3) in 0..1 of a brick; result (n, m, 3)."""
-    return grid.origin_m + (bricks[:, None, :] + offsets[None, :, :]) * grid.brick_m
-
-
-def lattice(count: int, low: float = 0.0, high: float = 1.0) -> F64:
-    """count^3 points of a cube, x fastest, (n, 3)."""
-    line = np.linspace(low, high, count)
-    z, y, x = np.meshgrid(line, line, line, indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
-
-
-def trilinear(samples: F64, at: F64) -> F64:
-    """Values of cubes of samples (n, s, s, s), indexed z, y, x, at points (m, 3) in 0..1: (n, m)."""
-    side = samples.shape[1] - 1
-    cell = np.minimum((at * side).astype(np.int64), side - 1)
-    part = at * side - cell
-    total = np.zeros((len(samples), len(at)))
-    for corner in range(8):
-        d = np.array([corner & 1, corner >> 1 & 1, corner >> 2])
-        weight = np.prod(np.where(d, part, 1 - part), axis=1)
-        x, y, z = (cell + d).T
-        total += weight * samples[:, z, y, x]
-    return total
 
 
 def choose_levels(phi: F64, tolerance_m: float) -> I32:
@@ -279,8 +207,9 @@ class CellSorter:
                             sign, planes, points[good, probes], phi[good, probes]
                         )
                         good = good[agree]
-                kinds[good] = self.kinds.index(int(kind), rows)
-                left[good] = False
+                if len(good):
+                    kinds[good] = self.kinds.index(int(kind), rows)
+                    left[good] = False
         if left.any():
             kinds[left] = self.kinds.index(
                 int(lib.CR_KIND_MIXED), self._mixed(np.array(facets), patches)
@@ -309,11 +238,6 @@ class CellSorter:
                 else self.kinds.local(mine, int(patch))
             )
         return tuple(rows)
-
-
-def _doubled(cells: I32) -> I32:
-    """Every cell cut in eight: (n, 8, 8, 8) to (n, 16, 16, 16)."""
-    return np.asarray(cells.repeat(2, axis=1).repeat(2, axis=2).repeat(2, axis=3))
 
 
 def _corners(samples: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -345,51 +269,6 @@ def far_bricks(
         if phi[0] < 0:
             entry[spots[i]][part] |= np.uint32(lib.CR_TOP_INSIDE)
     return np.asarray(entry)
-
-
-def refine(
-    surface: Surface,
-    grid: Grid,
-    where: npt.NDArray[np.int64],
-    phi: F64,
-    cells: I32,
-    kinds: npt.NDArray[Any],
-    level: I32,
-    tolerance_m: float,
-    tick: Tick,
-) -> dict[int, F64]:
-    """Finer samples for bricks whose distance is off by more than the tolerance near the surface. Raises `level`."""
-    finer: dict[int, F64] = {}
-    exact_kind = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
-    candidates = np.flatnonzero(level == BASE_LEVEL)
-    fine = 2 * CELLS_SIDE
-    centres = lattice(fine, 0.5 / fine, 1 - 0.5 / fine)
-    samples = {int(i): phi[i] for i in candidates}
-    # A mean of eight corners of a cell is no farther from the distance anywhere in it than the cell is long.
-    far_m = grid.near_m + math.sqrt(3.0) * grid.voxel_m
-    for next_level in range(BASE_LEVEL + 1, LEVEL_MAX + 1):
-        still = []
-        for part in np.array_split(candidates, max(1, len(candidates) // 256)):
-            if len(part) == 0:
-                continue
-            value = np.concatenate([trilinear(samples[int(i)][None], centres) for i in part])
-            asked = (np.abs(value) < far_m) & ~exact_kind[_doubled(cells[part])].reshape(
-                len(part), -1
-            )
-            exact, _ = surface.signed_distance(brick_points(grid, where[part], centres)[asked])
-            bad = np.zeros(asked.shape, bool)
-            bad[asked] = (np.abs(value[asked] - exact) > tolerance_m) & (
-                np.abs(exact) < grid.near_m
-            )
-            still.append(part[bad.any(axis=1)])
-        candidates = np.concatenate(still) if still else candidates[:0]
-        at = lattice(2**next_level + 1)
-        for done, i in enumerate(candidates):
-            exact, _ = surface.signed_distance(brick_points(grid, where[i : i + 1], at))
-            samples[int(i)] = finer[int(i)] = exact.reshape((2**next_level + 1,) * 3)
-            level[i] = next_level
-            tick((done + 1) / len(candidates))
-    return finer
 
 
 def make_voxmap(
@@ -430,20 +309,16 @@ def make_voxmap(
         cells, planes = _merged(sorter.kinds, cells, planes, voxel_m)
     kinds, facets = sorter.kinds.records()
     level = choose_levels(phi, tolerance_m)
-    finer = refine(
-        surface,
-        grid,
-        where,
-        phi,
-        cells,
-        kinds,
-        level,
+    by_planes = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
+    fine = refine(
+        Coarse(grid, where, phi, ~by_planes[cells], np.flatnonzero(level == BASE_LEVEL)),
+        lambda points: surface.signed_distance(points)[0],
         tolerance_m,
         lambda part: progress("refining", part),
     )
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
-    bricks, samples, tables = _pack_bricks(phi, finer, level, cells, planes, kinds, quantum)
+    bricks, samples, tables = _pack_bricks(phi, fine, level, cells, planes, kinds, quantum)
     names = {
         int(getattr(lib, f"CR_KIND_{n}")): n.lower()
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
@@ -461,6 +336,7 @@ def make_voxmap(
         band,
         near_m + 0.5 * grid.voxel_m,
         {int(k): int((level == k).sum()) for k in np.unique(level)},
+        {2**k: int((fine.level == k).sum()) for k in np.unique(fine.level).tolist()},
         {name: int(used[key]) for key, name in names.items()},
     )
 
@@ -500,7 +376,7 @@ def _part_of(tick: Tick, done: float, share: float) -> Tick:
 
 def _pack_bricks(
     phi: F64,
-    finer: dict[int, F64],
+    fine: Fine,
     level: I32,
     cells: I32,
     planes: BrickPlanes,
@@ -512,10 +388,19 @@ def _pack_bricks(
     parts: list[npt.NDArray[np.int16]] = []
     tables: list[npt.NDArray[np.uint16]] = []
     at = 0
+    seen: dict[bytes, int] = {}
     for i in range(len(phi)):
-        step = 2 ** max(0, BASE_LEVEL - int(level[i]))
-        values = finer[i] if i in finer else phi[i, ::step, ::step, ::step]
+        step = 2 ** (BASE_LEVEL - int(level[i]))
+        values = phi[i, ::step, ::step, ::step]
         data = np.clip(np.rint(values / quantum_m), -32767, 32767).astype(np.int16).reshape(-1)
+        rows = fine.of_brick(i)
+        if rows.start < rows.stop:
+            data = pack_fine(data, fine, rows, quantum_m)
+            # Blocks of voxels begin at lines of memory.
+            gap = -at % FINE_UNIT
+            parts.append(np.zeros(gap, np.int16))
+            at += gap
+            bricks[i]["fine"] = 1
         uniform = bool((cells[i] == cells[i, 0, 0, 0]).all())
         bricks[i]["samples"], bricks[i]["side"] = at, 2 ** int(level[i])
         bricks[i]["cells"] = CELLS_NONE if uniform else len(tables) * CELLS_SIDE**3
@@ -524,6 +409,11 @@ def _pack_bricks(
         bricks[i]["creased"] = bool(creased[cells[i]].any())
         if not uniform:
             tables.append(cells[i].reshape(-1).astype(np.uint16))
+        if not bricks[i]["fine"]:
+            # Bricks with the same samples share them.
+            bricks[i]["samples"] = seen.setdefault(data.tobytes(), at)
+            if bricks[i]["samples"] != at:
+                continue
         parts.append(data)
         at += len(data)
     return (

@@ -63,40 +63,62 @@ def split_edges(vertices: Vertices, triangles: Triangles, reach_m: float) -> tup
     loose = np.unique(np.r_[start[open_edges], end[open_edges]])
     if len(loose) == 0:
         return triangles, 0
-    tree = cKDTree(vertices[loose])
     cuts: dict[int, list[tuple[int, list[int]]]] = defaultdict(list)
-    taken = 0
-    for edge in open_edges.tolist():
-        on = _vertices_on(vertices, loose, tree, (int(start[edge]), int(end[edge])), reach_m)
-        if on:
-            cuts[edge // 3].append((edge % 3, on))
-            taken += len(on)
-    if not cuts:
+    edge, on = _vertices_on(vertices, loose, start[open_edges], end[open_edges], reach_m)
+    taken = len(on)
+    if taken == 0:
         return triangles, 0
+    bounds = np.flatnonzero(np.diff(edge)) + 1
+    for part in np.split(np.arange(taken), bounds):
+        side = int(open_edges[edge[part[0]]])
+        cuts[side // 3].append((side % 3, on[part].tolist()))
     whole = np.ones(len(triangles), bool)
     whole[list(cuts)] = False
     pieces = [piece for t, sides in cuts.items() for piece in _fan(triangles[t], sides, vertices)]
     return np.concatenate([triangles[whole], np.array(pieces, np.int32)]), taken
 
 
+def is_apart(vertices: Vertices, triangles: Triangles, reach_m: float) -> bool:
+    """Whether neither `sew` nor `split_edges` would find anything, with this reach or with less."""
+    start, end = topology.directed_edges(triangles)
+    open_edges = topology.unbalanced_edges(triangles, len(vertices))
+    loose = np.unique(np.r_[start[open_edges], end[open_edges]])
+    # A vertex on an edge that is too near its end to be taken in is that near to the end.
+    if len(loose) == 0 or len(
+        cKDTree(vertices[loose]).query_pairs(2.0 * reach_m, output_type="ndarray")
+    ):
+        return len(loose) == 0
+    edge, _ = _vertices_on(vertices, loose, start[open_edges], end[open_edges], reach_m)
+    return len(edge) == 0
+
+
 def _vertices_on(
     vertices: Vertices,
     loose: npt.NDArray[np.int64],
-    tree: cKDTree,
-    edge: tuple[int, int],
+    start: npt.NDArray[np.int64],
+    end: npt.NDArray[np.int64],
     reach_m: float,
-) -> list[int]:
-    """Loose vertices that lie on an edge, from its start to its end."""
-    a, b = vertices[edge[0]], vertices[edge[1]]
-    along = b - a
-    length = float(np.linalg.norm(along))
-    if length <= 2.0 * reach_m:
-        return []
-    near = loose[tree.query_ball_point(0.5 * (a + b), 0.5 * length)]
-    part = (vertices[near] - a) @ along / length**2
-    off = np.linalg.norm(vertices[near] - a - part[:, None] * along, axis=1)
-    on = (off <= reach_m) & (part * length > reach_m) & ((1.0 - part) * length > reach_m)
-    return [int(v) for v in near[on][np.argsort(part[on])] if v not in edge]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Loose vertices that lie on edges (n,): places of the edges, and the vertices, edge by edge from start to end."""
+    along = vertices[end] - vertices[start]
+    length = np.linalg.norm(along, axis=1)
+    long = np.flatnonzero(length > 2.0 * reach_m)
+    middle = 0.5 * (vertices[start[long]] + vertices[end[long]])
+    near = cKDTree(vertices[loose]).query_ball_point(middle, 0.5 * length[long])
+    edge = np.repeat(long, [len(found) for found in near])
+    if len(edge) == 0:
+        return edge, edge
+    other = loose[np.concatenate([np.asarray(found, np.int64) for found in near])]
+    own = (other == start[edge]) | (other == end[edge])
+    edge, other = edge[~own], other[~own]
+    away = vertices[other] - vertices[start[edge]]
+    part = np.einsum("nx,nx->n", away, along[edge]) / length[edge] ** 2
+    off = np.linalg.norm(away - part[:, None] * along[edge], axis=1)
+    on = (off <= reach_m) & (part * length[edge] > reach_m)
+    on &= (1.0 - part) * length[edge] > reach_m
+    edge, other, part = edge[on], other[on], part[on]
+    order = np.lexsort((part, edge))
+    return edge[order], other[order]
 
 
 def _fan(
@@ -173,6 +195,13 @@ def _loops_from(first: int, onward: dict[int, list[int]]) -> list[list[int]]:
             continue
         place[at] = len(path)
         path.append(at)
+
+
+def least_cap_m2(vertices: Vertices, loop: Sequence[int]) -> float:
+    """The area that any surface over a rim has at least: that of its shadow along its mean normal."""
+    rim = vertices[list(loop)]
+    rim = rim - rim.mean(axis=0)
+    return float(0.5 * np.linalg.norm(np.cross(rim, np.roll(rim, -1, axis=0)).sum(axis=0)))
 
 
 def cap(vertices: Vertices, loop: Sequence[int]) -> Cap:

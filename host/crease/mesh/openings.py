@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from crease.base.errors import MeshError
 from crease.base.units import format_length
@@ -23,6 +24,9 @@ SHEET_SHARE = 1 / 3
 
 ENCLOSING = 0.9
 """Mean winding number behind a piece of surface from which on it encloses something, perhaps with others."""
+
+PIECES_MANY, LOOKS = 200, 4
+"""Over so many pieces each is judged by so many of its triangles: thousands of sheets are told in a second."""
 
 
 def cap_holes(draft: Draft) -> None:
@@ -72,6 +76,9 @@ def close_openings(draft: Draft) -> None:
 
 def _sew_wider(draft: Draft) -> None:
     """Vertices on open edges are taken in, then vertices within more and more of each other are welded."""
+    if closing.is_apart(draft.vertices, draft.triangles, SEW_REACHES[-1] * draft.diagonal_m):
+        turn_triangles(draft)
+        return
     for share in (WELD, *SEW_REACHES):
         if share != WELD:
             sew(draft, share)
@@ -90,6 +97,13 @@ def _sew_wider(draft: Draft) -> None:
             return
 
 
+def _some(triangles: npt.NDArray[np.int64], pieces: int) -> npt.NDArray[np.int64]:
+    """Triangles of a piece by which it is judged: all, or LOOKS of them where there are very many pieces."""
+    if pieces <= PIECES_MANY or len(triangles) <= LOOKS:
+        return triangles
+    return triangles[np.linspace(0, len(triangles) - 1, LOOKS).astype(np.int64)]
+
+
 class _Pieces:
     """The connected pieces of an open surface, the caps of their openings, and which of them are sheets."""
 
@@ -103,27 +117,43 @@ class _Pieces:
         loose = topology.unbalanced_edges(draft.triangles, draft.vertex_count)
         is_open = np.zeros(count, bool)
         is_open[self.of[loose // 3]] = True
-        self.caps = [
-            [
-                closing.cap(draft.vertices, rim)
-                for rim in closing.rims(draft.triangles[part], draft.vertex_count)
-            ]
-            if is_open[i]
-            else []
+        self.rims = [
+            closing.rims(draft.triangles[part], draft.vertex_count) if is_open[i] else []
             for i, part in enumerate(parts)
         ]
-        self.cap_m2 = np.array([sum(cap.area_m2 for cap in caps) for caps in self.caps])
+        self._caps: dict[int, list[closing.Cap]] = {}
         if draft.wishes.sheet_m is not None:
-            self.sheets = self.cap_m2 > HOLE_AREA_SHARE * self.area_m2
+            self.sheets = self._capped_over(HOLE_AREA_SHARE)
             return
-        self.sheets = self.cap_m2 > SHEET_SHARE * self.area_m2
+        self.sheets = self._capped_over(SHEET_SHARE)
         if self.sheets.any():
             # Behind a flat sheet the winding number is a half; pieces that enclose something together come near one.
-            middle = draft.vertices[draft.triangles].mean(axis=1)
-            own = np.arange(len(middle), dtype=np.int32)
-            behind = 0.5 + arrange.Winding(draft.vertices, draft.triangles).at(middle, own)
-            mean = np.bincount(self.of, weights=area * behind, minlength=count) / self.area_m2
-            self.sheets &= mean < ENCLOSING
+            which = np.concatenate([_some(parts[i], count) for i in np.flatnonzero(self.sheets)])
+            middle = draft.vertices[draft.triangles[which]].mean(axis=1)
+            behind = 0.5 + arrange.Winding(draft.vertices, draft.triangles).at(
+                middle, which.astype(np.int32)
+            )
+            weight = np.bincount(self.of[which], area[which], count)
+            mean = np.bincount(self.of[which], area[which] * behind, count)
+            self.sheets &= mean < ENCLOSING * np.maximum(weight, 1e-300)
+
+    def caps_of(self, piece: int) -> list[closing.Cap]:
+        """Caps of the openings of a piece."""
+        if piece not in self._caps:
+            self._caps[piece] = [closing.cap(self.draft.vertices, rim) for rim in self.rims[piece]]
+        return self._caps[piece]
+
+    def _capped_over(self, share: float) -> npt.NDArray[np.bool_]:
+        """Whether the caps of each piece are over this share of its area; made only where that is not plain."""
+        over = np.zeros(len(self.rims), bool)
+        for i, rims in enumerate(self.rims):
+            limit_m2 = share * self.area_m2[i]
+            least_m2 = sum(closing.least_cap_m2(self.draft.vertices, rim) for rim in rims)
+            over[i] = bool(rims) and (
+                least_m2 > limit_m2 * (1.0 + 1e-9)
+                or sum(cap.area_m2 for cap in self.caps_of(i)) > limit_m2
+            )
+        return over
 
     def leave_out_sheets(self) -> None:
         """Open pieces that enclose nothing vanish beside others that do.   Errors: MeshError without others."""
@@ -142,8 +172,9 @@ class _Pieces:
             f"surface, one near {place}; --sheet 1mm gives them a thickness"
         )
         kept = np.flatnonzero(~sheets)
-        self.caps = [self.caps[i] for i in kept]
-        self.cap_m2, self.area_m2 = self.cap_m2[kept], self.area_m2[kept]
+        self._caps = {n: self._caps[i] for n, i in enumerate(kept.tolist()) if i in self._caps}
+        self.rims = [self.rims[i] for i in kept]
+        self.area_m2 = self.area_m2[kept]
         number = np.cumsum(~sheets) - 1
         draft.triangles, self.of = draft.triangles[~gone], number[self.of[~gone]].astype(np.int32)
         self.sheets = sheets[kept]
@@ -153,7 +184,7 @@ class _Pieces:
         draft = self.draft
         vertices, parts = [draft.vertices], [draft.triangles[~self.sheets[self.of]]]
         count = draft.vertex_count
-        for i, caps in enumerate(self.caps):
+        for i in range(len(self.rims)):
             if self.sheets[i]:
                 points, solid = closing.thicken(
                     draft.vertices, draft.triangles[self.of == i], draft.wishes.sheet_m or 0.0
@@ -162,7 +193,7 @@ class _Pieces:
                 parts.append(solid + count)
                 count += len(points)
                 continue
-            for cap in caps:
+            for cap in self.caps_of(i):
                 new = np.where(cap.triangles < draft.vertex_count, cap.triangles, count)
                 parts.append(new.astype(np.int32))
                 vertices.append(cap.points_m)
@@ -174,7 +205,8 @@ class _Pieces:
 
     def _tell(self) -> None:
         draft, whole_m2 = self.draft, float(self.area_m2.sum())
-        caps = [cap for i, caps in enumerate(self.caps) if not self.sheets[i] for cap in caps]
+        solid = np.flatnonzero(~self.sheets).tolist()
+        caps = [cap for i in solid for cap in self.caps_of(i)]
         if caps:
             largest = max(caps, key=lambda cap: cap.area_m2)
             draft.notes.append(

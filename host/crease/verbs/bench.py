@@ -1,4 +1,4 @@
-"""`crease bench`: run time against error, scaling, and what skipping saves; as CSV, figure and table."""
+"""`crease bench`: run time against error, scaling, what skipping saves, bytes read; as CSV, figure and table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from crease.verbs.common import (
     whole,
 )
 
-NAMES = ("properties", "pareto", "precision", "scaling", "ablation")
+NAMES = ("properties", "pareto", "precision", "scaling", "ablation", "touched")
 QUICK_EVERY, QUICK_REPEAT = 8, 3
 
 
@@ -25,11 +25,12 @@ def add_parser(sub: SubParsers) -> None:
     """The command line of the verb."""
     parser = sub.add_parser(
         "bench",
-        help="properties of the force, run time against error, precision, scaling, ablation",
+        help="properties of the force, run time against error, precision, scaling, ablation, bytes read",
         description="properties: nine properties that a contact force must have, on scenes of their own. "
         "pareto: time and error over voxel size, sample spacing, tessellation, coverage and response. "
         "precision: float32 against double. "
         "scaling: scenes and shells from 1k to 1M. ablation: each level of skipping switched off. "
+        "touched: bytes of the image that a tick reads, counted (gcc). "
         "Images that are not baked yet are baked into DIR/images.",
     )
     parser.add_argument(
@@ -62,7 +63,11 @@ def add_parser(sub: SubParsers) -> None:
         help="properties: table of scenes (meshes/property_scenes.toml)",
     )
     parser.add_argument(
-        "--scenes", metavar="NAME,...", type=words, default=(), help="properties: only these scenes"
+        "--scenes",
+        metavar="NAME,...",
+        type=words,
+        default=(),
+        help="properties, touched: only these scenes",
     )
     parser.add_argument(
         "--responses",

@@ -52,9 +52,9 @@ def widen_image(scene: Scene) -> npt.NDArray[np.uint8]:
     return pack(sections)
 
 
-def build(program: Path, flags: tuple[str, ...]) -> Path:
-    """Compile tests/bench/replay_path.c with core and rivals.   Errors: CreaseError with the compiler's first line."""
-    source = ROOT / "tests/bench/replay_path.c"
+def build(program: Path, flags: tuple[str, ...], main: str = "replay_path.c") -> Path:
+    """Compile a program of tests/bench with core and rivals.   Errors: CreaseError with the compiler's first line."""
+    source = ROOT / "tests/bench" / main
     compiler = shutil.which("cc")
     if compiler is None:
         raise CreaseError("cc: not found; this benchmark builds C: run `make setup`")
@@ -74,7 +74,10 @@ def build(program: Path, flags: tuple[str, ...]) -> Path:
 
 def words_for(program: Path, folder: Path, image: npt.NDArray[np.uint8], rows: npt.NDArray[np.float64],
               options: ReplayOptions) -> list[str]:  # fmt: skip
-    """The command that replays these poses; it writes folder/rows. Settings beside these two are the default ones."""
+    """The command that runs a program of `build` on these poses; it writes folder/rows.
+
+    Settings beside these two are the default ones.
+    """
     assert options == ReplayOptions(response=options.response, coverage=options.coverage)
     (folder / "image").write_bytes(image.tobytes())
     (folder / "path").write_bytes(np.ascontiguousarray(rows).tobytes())

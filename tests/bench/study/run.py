@@ -1,4 +1,4 @@
-"""`crease bench NAME`: properties of the force, run time against error, float32, scaling, what skipping saves."""
+"""`crease bench NAME`: properties of the force, time against error, float32, scaling, skipping, bytes read."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["BenchSetup", "run_bench"]
 
 def run_bench(name: str, setup: BenchSetup) -> Result:
     """Run one of `runs`; its files are in setup.out.   Errors: CreaseError."""
-    from study import ablation, pareto, precision, scaling
+    from study import ablation, pareto, precision, scaling, touched
     from study.properties import run as judged
 
     runs = {
@@ -20,5 +20,6 @@ def run_bench(name: str, setup: BenchSetup) -> Result:
         "precision": precision.run,
         "scaling": scaling.run,
         "ablation": ablation.run,
+        "touched": touched.run,
     }
     return runs[name](setup)
