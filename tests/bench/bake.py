@@ -1,12 +1,13 @@
 """Time and memory of `crease bake`: the 45,000-triangle block and a ball of 1,310,720 triangles.
 
-    python tests/bench/bake.py
+    python tests/bench/bake.py [--quick]        # quick: the block only
 
 Needs build/meshes (make meshes). Wall time and peak memory of the whole command, mesh loading included.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -50,11 +51,17 @@ def bake(static: Path, tool: Path, scene: Path) -> tuple[float, float]:
 
 def main() -> None:
     """Print one line per bake."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="the block only")
+    quick = parser.parse_args().quick
     tool = MESHES / "cube60_2700.stl"
     with tempfile.TemporaryDirectory() as folder:
-        ball = Path(folder) / "ball.stl"
-        trimesh.creation.icosphere(subdivisions=8, radius=100.0).export(ball)
-        for static, triangles in ((MESHES / "block45k.stl", 45_000), (ball, 1_310_720)):
+        statics = [(MESHES / "block45k.stl", 45_000)]
+        if not quick:
+            ball = Path(folder) / "ball.stl"
+            trimesh.creation.icosphere(subdivisions=8, radius=100.0).export(ball)
+            statics.append((ball, 1_310_720))
+        for static, triangles in statics:
             scene = Path(folder) / "out.crs"
             seconds, mebibytes = bake(static, tool, scene)
             size = scene.stat().st_size / 2**20
