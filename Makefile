@@ -33,9 +33,10 @@ RIVALS_C := $(wildcard firmware/rivals/*.c firmware/way_out/*.c)
 CONTACT_C := $(wildcard firmware/contact/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
-NATIVE_C := $(wildcard host/native/*.c)
+NATIVE_C := $(wildcard host/native/*.c host/native/*/*.c)
+NATIVE_H := $(wildcard host/native/*.h host/native/*/*.h)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/way_out/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/way_out/*.h firmware/port/linux/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h) $(NATIVE_H)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
@@ -114,7 +115,7 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/way_out/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/way_out/*.h) $(NATIVE_H) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
