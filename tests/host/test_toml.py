@@ -36,7 +36,16 @@ def lib(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     out = tmp_path_factory.mktemp("toml") / "toml.so"
     port = [ROOT / "firmware/port/linux" / f"{name}.c" for name in ("toml", "device")]
     rooms = [p for room in ("contact", "servo") for p in (ROOT / "firmware" / room).glob("*.c")]
-    words = ["gcc", "-std=c11", "-O1", "-shared", "-fPIC", f"-I{ROOT / 'firmware'}", "-o", out]
+    words: list[str | Path] = [
+        "gcc",
+        "-std=c11",
+        "-O1",
+        "-shared",
+        "-fPIC",
+        f"-I{ROOT / 'firmware'}",
+        "-o",
+        out,
+    ]
     subprocess.run([*words, *port, *rooms, "-lm"], check=True)
     found = ctypes.CDLL(str(out))
     found.toml_text.restype = ctypes.c_void_p
