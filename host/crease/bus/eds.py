@@ -1,6 +1,6 @@
 """EDS of a drive (CiA 306), for any CANopen tool: the dictionary handed to the exporter of canopen.
 
-That one writes the time of day unless it is given another; a data type that may be skipped is an object Dummy000N to it.
+That one writes the time of day unless it is given another; types that may be skipped are objects Dummy000N to it.
 """
 
 from __future__ import annotations
