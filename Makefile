@@ -13,6 +13,10 @@ VENV := .venv
 PY := $(VENV)/bin/python
 CREASE := $(VENV)/bin/crease
 
+# QUICK=1: the least of a target that shows that it runs; not what its figures are taken from, and kept apart from them.
+QUICK ?=
+OUT := build$(if $(QUICK),/quick)
+
 # What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
@@ -29,9 +33,10 @@ RIVALS_C := $(wildcard firmware/rivals/*.c)
 CONTACT_C := $(wildcard firmware/contact/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
 PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cortex-m7/,fdcan.c slcan.c)
-NATIVE_C := $(wildcard host/native/*.c)
+NATIVE_C := $(wildcard host/native/*.c host/native/*/*.c)
+NATIVE_H := $(wildcard host/native/*.h host/native/*/*.h)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h host/native/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h)
+C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h) $(NATIVE_H)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
@@ -73,7 +78,7 @@ build/.apt-develop: FORCE | build/.apt
 	$(call APT_INSTALL,$(APT_DEVELOP))
 
 build/.browser: FORCE | build/.apt
-	$(call APT_INSTALL,$(if $(strip $(foreach b,$(BROWSERS),$(shell command -v $b))),,$(APT_BROWSER)))
+	$(call APT_INSTALL,$(if $(strip $(foreach b,$(BROWSERS),$(shell command -v $b))),,$(APT_BROWSER)),--no-install-recommends)
 
 $(VENV)/.stamp: host/pyproject.toml | build/.apt
 	@echo "python environment: $(VENV)"
@@ -110,7 +115,7 @@ build: build/.host ## the C extension and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h host/native/*.h) \
+build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h) $(NATIVE_H) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extension: crease._native"
@@ -240,16 +245,13 @@ include firmware/package/install.mk
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
 
 check: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
-	$(PY) tests/run.py --quick --c-tests build/gcc/tests
+	$(PY) tests/run.py --quick --c-tests build/gcc/tests $(if $(QUICK),tests/check)
 
 test: build/.develop build/.browser build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
 	$(PY) tests/run.py --c-tests build/san/tests --only-c
-
-# QUICK=1: the least of a target that shows that it runs; not what its figures are taken from.
-QUICK ?=
 
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= $(if $(QUICK),20,60)
@@ -272,7 +274,7 @@ soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual tim
 
 coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
 	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
-	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml tests
+	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/check tests/host/test_units.py,tests)
 
 # The long one reaches nothing that the others do not; what is covered is what ships.
 COVERING := $(filter-out test_soak test_rivals,$(TEST_NAMES))
@@ -285,11 +287,11 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 
 .PHONY: pictures
 pictures: build/.host build/scenes/.stamp ## pictures of firmware/contact/DESIGN.md, anew from replays
-	$(PY) tests/bench/pictures.py $(if $(QUICK),-o build/quick/pictures)
+	$(PY) tests/bench/pictures.py $(if $(QUICK),-o $(OUT)/pictures)
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
-	$(PY) tests/bench/bench.py $(if $(QUICK),--scene edge90_cube,--figures build/bench)
-	$(PY) tests/bench/bake.py
+	$(PY) tests/bench/bench.py --figures $(OUT)/bench $(if $(QUICK),--scene edge90_cube --repeat 2)
+	$(PY) tests/bench/bake.py $(if $(QUICK),--quick)
 
 # An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
 PEERS := build/peers
@@ -315,34 +317,36 @@ $(PEERS)/.libraries: $(PEERS)/libpeers.so
 	@touch $@
 
 bench-peers: build/.host build/scenes/.stamp $(PEERS)/.libraries ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
-	rm -rf $(PEERS)/raw
-	$(PEERS)/bin/python tests/bench/peers/query.py meshes/scenes.toml build/meshes $(PEERS)/raw $(PEERS_SCENES) --library $(PEERS)/libpeers.so
-	@mkdir -p build/bench
-	$(PY) tests/bench/peers/collect.py $(PEERS)/raw build/bench/peers.csv
-	$(CREASE) bench pareto -o build/bench --peers build/bench/peers.csv --force
-	$(CREASE) bench precision -o build/bench --force
+	rm -rf $(OUT)/peers/raw
+	$(PEERS)/bin/python tests/bench/peers/query.py meshes/scenes.toml build/meshes $(OUT)/peers/raw \
+	    $(if $(QUICK),edge90_cube --every 400 --repeat 1,$(PEERS_SCENES)) --library $(PEERS)/libpeers.so
+	@mkdir -p $(OUT)/bench
+	$(PY) tests/bench/peers/collect.py $(OUT)/peers/raw $(OUT)/bench/peers.csv
+	$(CREASE) bench pareto -o $(OUT)/bench --peers $(OUT)/bench/peers.csv --force $(if $(QUICK),--quick)
+	$(CREASE) bench precision -o $(OUT)/bench --force $(if $(QUICK),--quick)
 
 bench-report: bench-peers ## the same, then pictures, CSV and tables of tests/bench/REPORT.md
-	$(PY) tests/bench/report.py build/bench
+	$(PY) tests/bench/report.py $(OUT)/bench $(if $(QUICK),-o $(OUT)/report)
 
 bench-properties: build/.develop build/meshes/.stamp $(PEERS)/.libraries ## what a contact force must have, all responses and libraries: build/properties, 10 minutes
-	rm -rf $(PEERS)/properties
-	$(PEERS)/bin/python tests/bench/peers/query.py meshes/property_scenes.toml build/meshes $(PEERS)/properties --every 4 --repeat 1 --library $(PEERS)/libpeers.so
-	$(CREASE) bench properties -o build/properties --peers $(PEERS)/properties --force
+	rm -rf $(OUT)/peers/properties
+	$(PEERS)/bin/python tests/bench/peers/query.py meshes/property_scenes.toml build/meshes $(OUT)/peers/properties \
+	    $(if $(QUICK),corner --every 40,--every 4) --repeat 1 --library $(PEERS)/libpeers.so
+	$(CREASE) bench properties -o $(OUT)/properties --peers $(OUT)/peers/properties --force $(if $(QUICK),--quick --scenes corner)
 
 bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
-	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o build/bench
+	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o $(OUT)/bench $(if $(QUICK),--parts spanner --damages clean holes)
 
 bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: build/bench/force
-	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o build/bench/force
+	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o $(OUT)/bench/force $(if $(QUICK),--parts spanner)
 
 # In its quick form a known jump is no failure of the target: tests/host/test_stress.py tells known violations from new ones.
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress
-	$(if $(QUICK),rm -rf build/stress-quick; )$(CREASE) stress $(if $(QUICK),-o build/stress-quick --cases 6 --per-chunk 6 --scenes 1 \
-	    || grep -q '"cases": 6' build/stress-quick/summary.json,-o build/stress)
+	$(if $(QUICK),rm -rf $(OUT)/stress; )$(CREASE) stress -o $(OUT)/stress $(if $(QUICK),--cases 6 --per-chunk 6 --scenes 1 \
+	    || grep -q '"cases": 6' $(OUT)/stress/summary.json)
 
 bench-loop: build/.develop build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
-	$(PY) tests/bench/loop.py --figure build/loop/edge.png
+	$(PY) tests/bench/loop.py --figure $(OUT)/loop/edge.png $(if $(QUICK),--quick)
 
 bench-faults: build/.develop build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes
 	$(PY) tests/bench/faults.py build/scenes/wall_cube.crs $(if $(QUICK),--every 1000 --seconds 1)
@@ -357,16 +361,16 @@ build/gcc/latency_drives: build/gcc/tests/bench/latency_drives.o build/gcc/libsi
 LATENCY = $(PY) tests/bench/latency.py build/scenes/wall_cube.crs $(if $(QUICK),--seconds 2)
 
 bench-latency: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives build/scenes/.stamp hil-kernel ## wake-up and SYNC to torque frame in real time: histograms, p99.9
-	$(LATENCY) --where 'native kernel without CAN' --figure build/bench/latency-unix.png
-	if [ -e /sys/class/net/vcan0 ]; then $(LATENCY) --transport vcan --where native --figure build/bench/latency-vcan.png; \
-	else tests/hil/lab/vcan-run $(LATENCY) --transport vcan --where 'User-Mode Linux' --figure build/bench/latency-vcan.png; fi
+	$(LATENCY) --where 'native kernel without CAN' --figure $(OUT)/bench/latency-unix.png
+	if [ -e /sys/class/net/vcan0 ]; then $(LATENCY) --transport vcan --where native --figure $(OUT)/bench/latency-vcan.png; \
+	else tests/hil/lab/vcan-run $(LATENCY) --transport vcan --where 'User-Mode Linux' --figure $(OUT)/bench/latency-vcan.png; fi
 
 # ----------------------------------------------------------------------------------------------- hardware in the loop
 # Protocol tests on a real vcan0: the kernel's own where there is one, else in User-Mode Linux with virtual time.
 
 # Length of the two runs whose logs must be identical.
-HIL_SECONDS ?= 5
-HIL_TESTS := tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/hil/test_*.py)
+HIL_SECONDS ?= $(if $(QUICK),2,5)
+HIL_TESTS := $(if $(QUICK),tests/bus/test_drive.py -k heartbeat,tests/bus/test_drive.py tests/bus/test_bus_cli.py $(wildcard tests/hil/test_*.py))
 HIL_PYTEST = CREASE_TRANSPORT=socketcan $(1) $(PY) -m pytest -c host/pyproject.toml --rootdir . -q $(HIL_TESTS)
 
 hil-minute: build/.develop build/gcc/creased hil-kernel ## 60 s of the loop on vcan in virtual time, twice: no tick missed, logs identical
@@ -380,12 +384,20 @@ hil: build/.develop build/gcc/creased hil-kernel ## tests on a real vcan: native
 	else echo "hil: vcan0 in User-Mode Linux, virtual time"; $(call HIL_PYTEST,CREASE_VIRTUAL_TIME=1 tests/hil/lab/vcan-run -V); \
 	    $(PY) tests/hil/repeat.py --seconds $(HIL_SECONDS); fi
 
-# Targets that no other part of continuous integration runs, each in its quick form, so that none rots.
-QUICK_TARGETS := meshes scenes demo creased sanitize soak stress bench-faults bench-latency hil-minute
+# Every target of `make help` that continuous integration does not run as it is, in its quick form, so that none rots.
+HELPED = $(shell sed -n 's/^\([a-z0-9-]*\):.*\#\# .*/\1/p' Makefile firmware/port/cortex-m7/device.mk)
+CI_TARGETS = $(shell sed -n 's/^make \([a-z0-9-]*\).*/\1/p' .ci/run)
+QUICK_TARGETS = $(filter-out $(CI_TARGETS),$(HELPED))
+
+# What git would commit must be the same after them as before.
+TREE = $$({ git status --porcelain && git diff HEAD; } | sha256sum)
 
 all-targets: ## the targets that tests and linters leave out, in their quick forms: under 10 minutes
-	@for t in $(QUICK_TARGETS); do echo "== make $$t QUICK=1"; $(MAKE) --no-print-directory $$t QUICK=1 || failed="$${failed:-} $$t"; done; \
-	test -z "$${failed:-}" || { echo "all-targets: failed:$$failed"; exit 1; }
+	@failed=; tree="$(TREE)"; \
+	for t in $(QUICK_TARGETS); do echo "== make $$t QUICK=1"; from=$$SECONDS; \
+	    $(MAKE) --no-print-directory $$t QUICK=1 || failed="$$failed $$t"; echo "== $$t: $$((SECONDS - from)) s"; done; \
+	[ "$$tree" = "$(TREE)" ] || { git status --short; failed="$$failed (and the checkout is not as it was)"; }; \
+	echo "all-targets: $$(wc -w <<<'$(QUICK_TARGETS)') targets in $$SECONDS s$${failed:+, failed:$$failed}"; test -z "$$failed"
 
 # ---------------------------------------------------------------------------------------------------------- lint
 
@@ -464,7 +476,7 @@ format: $(VENV)/.develop ## rewrite C and Python in the house format
 	$(PY) -m ruff format --config host/pyproject.toml $(PY_LINT)
 
 clean: ## remove build/ (.venv stays)
-	rm -rf build
+	rm -rf $(OUT)
 
 FORCE:
 .PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \

@@ -131,13 +131,14 @@ def main() -> int:
     parser.add_argument("--sanitized", type=Path, help="the same programs with sanitizers")
     parser.add_argument("--quick", action="store_true", help="leave out tests marked slow")
     parser.add_argument("--only-c", action="store_true", help="no pytest")
+    parser.add_argument("paths", nargs="*", default=["tests"], help="for pytest (tests)")
     args = parser.parse_args()
     count = run_programs(args.c_tests)
     if args.sanitized:
         # The same tests a second time: they must pass, but are counted once.
         count += Count(0, run_programs(args.sanitized).failed)
     if not args.only_c:
-        count += run_pytest(["-m", "not slow"] if args.quick else [], ["tests"])
+        count += run_pytest(["-m", "not slow"] if args.quick else [], args.paths)
         if not args.quick:
             count += run_hil()
     print(f"{count.passed} passed, {count.failed} failed", flush=True)

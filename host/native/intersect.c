@@ -1,16 +1,13 @@
 #include "intersect.h"
 
 #include "exact.h"
+#include "vec.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #define LEAF_TRIANGLES 4u
 #define STACK_NODES 64u
-
-typedef struct {
-    double x, y, z;
-} point;
 
 typedef struct {
     double low[3], high[3];
@@ -32,25 +29,14 @@ typedef struct {
     double tolerance_m;
 } surface;
 
-static point sub(point a, point b) {
-    point r = {a.x - b.x, a.y - b.y, a.z - b.z};
-    return r;
-}
-static point cross(point a, point b) {
-    point r = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-    return r;
-}
-static double dot(point a, point b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-static double norm(point a) { return sqrt(dot(a, a)); }
-
-static int side_of(point a, point b, point c, point d) {
+static int side_of(vec a, vec b, vec c, vec d) {
     const double p[4][3] = {{a.x, a.y, a.z}, {b.x, b.y, b.z}, {c.x, c.y, c.z}, {d.x, d.y, d.z}};
     return cr_exact_side(p[0], p[1], p[2], p[3]);
 }
 
-static point corner(const surface *s, int32_t triangle, int k) {
+static vec corner(const surface *s, int32_t triangle, int k) {
     const double *v = s->vertices + 3 * (size_t)s->triangles[3 * (size_t)triangle + (size_t)k];
-    point p = {v[0], v[1], v[2]};
+    vec p = {v[0], v[1], v[2]};
     return p;
 }
 
@@ -59,7 +45,7 @@ static box empty_box(void) {
     return b;
 }
 
-static void grow_point(box *b, point p) {
+static void grow_point(box *b, vec p) {
     const double v[3] = {p.x, p.y, p.z};
     for (int k = 0; k < 3; k++) {
         b->low[k] = v[k] < b->low[k] ? v[k] : b->low[k];
@@ -145,8 +131,8 @@ static void build_boxes(surface *s) {
 /* The edge p q passes through triangle t: both ends are clear of its plane, and the passage is inside or on its rim. The rim
  * counts because symmetric shapes cross exactly edge on edge, and no other test would see that. Inside or not is decided
  * exactly: any room for rounding at the rim, taken along a shallow edge, is as long as the edge. */
-static int edge_passes(point p, point q, const point t[3], double tolerance_m) {
-    const point normal = cross(sub(t[1], t[0]), sub(t[2], t[0]));
+static int edge_passes(vec p, vec q, const vec t[3], double tolerance_m) {
+    const vec normal = cross(sub(t[1], t[0]), sub(t[2], t[0]));
     const double deep = tolerance_m * norm(normal);
     const double above = dot(normal, sub(p, t[0]));
     const double below = dot(normal, sub(q, t[0]));
@@ -163,7 +149,7 @@ static int edge_passes(point p, point q, const point t[3], double tolerance_m) {
 }
 
 /* Edges of `from` that touch the corner shared by both triangles cannot pass; skip holds that corner, or -1. */
-static int any_edge_passes(const point from[3], int skip, const point through[3], double tolerance_m) {
+static int any_edge_passes(const vec from[3], int skip, const vec through[3], double tolerance_m) {
     for (int k = 0; k < 3; k++) {
         if (k != skip && (k + 1) % 3 != skip && edge_passes(from[k], from[(k + 1) % 3], through, tolerance_m)) {
             return 1;
@@ -186,8 +172,8 @@ static int triangles_cross(const surface *s, int32_t a, int32_t b) {
     if (shared > 1) {
         return 0;
     }
-    const point ta[3] = {corner(s, a, 0), corner(s, a, 1), corner(s, a, 2)};
-    const point tb[3] = {corner(s, b, 0), corner(s, b, 1), corner(s, b, 2)};
+    const vec ta[3] = {corner(s, a, 0), corner(s, a, 1), corner(s, a, 2)};
+    const vec tb[3] = {corner(s, b, 0), corner(s, b, 1), corner(s, b, 2)};
     return any_edge_passes(ta, skip_a, tb, s->tolerance_m) || any_edge_passes(tb, skip_b, ta, s->tolerance_m);
 }
 

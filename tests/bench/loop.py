@@ -1,6 +1,6 @@
 """Stability of the loop: what the simulator does against what theory says.
 
-    python tests/bench/loop.py [--json OUT] [--figure OUT.png] [--more] [--processes N]
+    python tests/bench/loop.py [--json OUT] [--figure OUT.png] [--more | --quick] [--processes N]
 
 1. Self-test: the rigid device, free or held by a hand, against the textbook virtual wall on axis X, sampled and held at
 1 kHz with a delay. The largest stiffness that settles must lie within 5 % of K = b / (T / 2 + td) and of the
@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from crease.bus.drives import Mech, Params
 from crease.lab.setup import machine
+from loop_contact import DEFAULT, MORE, QUICK
 from loop_report import Claim
 from scipy.linalg import expm
 
@@ -158,7 +159,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", metavar="OUT", type=Path)
     parser.add_argument("--figure", metavar="OUT.png", type=Path)
-    parser.add_argument("--more", action="store_true", help="more speeds, hands and delays")
+    extents = {"more": MORE, "quick": QUICK, "default": DEFAULT}
+    much = parser.add_mutually_exclusive_group()
+    much.add_argument(
+        "--more",
+        dest="extent",
+        action="store_const",
+        const="more",
+        help="more speeds, hands and delays",
+    )
+    much.add_argument(
+        "--quick",
+        dest="extent",
+        action="store_const",
+        const="quick",
+        help="one speed, one hand, one edge",
+    )
+    parser.set_defaults(extent="default")
     parser.add_argument(
         "--responses", action="store_true", help="instead: buzz, turn and energy of four responses"
     )
@@ -176,7 +193,7 @@ def main() -> int:
             "simulator within 5 % of theory", worst <= SELF_TEST_SHARE, f"worst {worst:.1%}", "5 %"
         )
     ]
-    contact = loop_report.run(args.more, args.processes, args.figure)
+    contact = loop_report.run(extents[args.extent], args.processes, args.figure)
     claims += contact.claims
     print()
     for claim in claims:

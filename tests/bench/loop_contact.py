@@ -42,8 +42,42 @@ PATH_SPEED_MM_S = 100.0
 """Of the paths as they come."""
 HAND_NAMES = {LIGHT_GRIP: "light", NORMAL_GRIP: "normal", FIRM_GRIP: "firm"}
 CREASES = ("edge", "corner")
+SCENES = ("edge90_sphere", "corner3_sphere")
 FLOOR_N = 0.5
 """Steps of smaller forces are not counted: a share of nothing."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is tried. Delays in s, none: the device's. Off: how many of `causes`. Places: all when there is none."""
+
+    scenes: tuple[str, ...] = SCENES
+    factors: tuple[float, ...] = (0.2, 0.5, 1.0)
+    hands: tuple[Hand, ...] = (NORMAL_GRIP, FIRM_GRIP)
+    off: int | None = None
+    loops: tuple[tuple[Hand, float | None], ...] = (
+        (LIGHT_GRIP, None),
+        (NORMAL_GRIP, None),
+        (LIGHT_GRIP, 0.0),
+    )
+    controller_without_delay: bool = False
+    places: tuple[str, ...] = ()
+
+
+DEFAULT = Extent()
+MORE = Extent(
+    factors=(0.1, 0.2, 0.5, 1.0),
+    loops=(*DEFAULT.loops, (NORMAL_GRIP, 0.0)),
+    controller_without_delay=True,
+)
+QUICK = Extent(
+    scenes=SCENES[:1],
+    factors=(0.2,),
+    hands=(FIRM_GRIP,),
+    off=2,
+    loops=((NORMAL_GRIP, 0.0),),
+    places=("flat as the edge", "edge"),
+)
 
 
 @cache
@@ -128,7 +162,9 @@ def drag_case(
     ), result
 
 
-def causes(name: str = "edge90_sphere", factor: float = 0.5) -> list[tuple[str, float, float]]:
+def causes(
+    count: int | None, name: str = "edge90_sphere", factor: float = 0.5
+) -> list[tuple[str, float, float]]:
     """Buzz with one thing switched off at a time: name, in contact, the same motion without the block."""
     fine = {axis: {"step_m": 5e-6} for axis in "XYZ"}
     uncompensated = {"friction_share": 0.0}
@@ -147,7 +183,7 @@ def causes(name: str = "edge90_sphere", factor: float = 0.5) -> list[tuple[str, 
         "the two, and fine steps": Setup(dry_friction=False, params={"rigid": 1}, axes=fine),
     }
     rows = []
-    for label, setup in table.items():
+    for label, setup in list(table.items())[:count]:
         row, _ = drag_case(name, factor, NORMAL_GRIP, "zones", setup)
         rows.append((label, row.buzz, row.buzz_free))
     return rows
@@ -215,15 +251,14 @@ def work(job: Job) -> Stable:
     )
 
 
-def stable_jobs(more: bool) -> list[Job]:
+def stable_jobs(extent: Extent) -> list[Job]:
     """Every place, zones, with and without the passivity controller; fixed45 at the creases."""
     jobs = []
-    loops: list[tuple[Hand, float | None]] = [(LIGHT_GRIP, None), (NORMAL_GRIP, None)]
-    loops += [(LIGHT_GRIP, 0.0)] + ([(NORMAL_GRIP, 0.0)] if more else [])
-    for hand, delay_s in loops:
-        with_controller = (False, True) if more or delay_s is None else (False,)
-        kinds = [("zones", passive, case) for case in cases() for passive in with_controller]
-        kinds += [("fixed45", False, case) for case in cases() if case.place.name in CREASES]
+    chosen = [c for c in cases() if not extent.places or c.place.name in extent.places]
+    for hand, delay_s in extent.loops:
+        both = extent.controller_without_delay or delay_s is None
+        kinds = [("zones", passive, c) for c in chosen for passive in (False, True)[: 1 + both]]
+        kinds += [("fixed45", False, c) for c in chosen if c.place.name in CREASES]
         jobs += [
             Job(case, linear_setup(hand, delay_s, passive, response), passive)
             for response, passive, case in kinds
@@ -231,11 +266,11 @@ def stable_jobs(more: bool) -> list[Job]:
     return jobs
 
 
-def stable_table(more: bool, processes: int) -> list[Stable]:
+def stable_table(extent: Extent, processes: int) -> list[Stable]:
     """All of them, on some processes at a time."""
     pad_scene(BUILD / "loop")
     with ProcessPoolExecutor(processes) as pool:
-        return list(pool.map(work, stable_jobs(more)))
+        return list(pool.map(work, stable_jobs(extent)))
 
 
 def share_of_flat(row: Stable, table: list[Stable]) -> float:

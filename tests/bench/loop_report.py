@@ -13,7 +13,10 @@ from crease.loop.hil import LoopResult
 from crease.loop.loop import FIRM_GRIP, NORMAL_GRIP, Setup, at_speed, drag
 from crease.replay.measures import buzz_band_m_s2
 from loop_contact import (
+    CREASES,
+    SCENES,
     Dragged,
+    Extent,
     Stable,
     causes,
     drag_case,
@@ -30,7 +33,6 @@ FLAT_SHARE_MIN = 0.9
 WORSE_MIN = 3.0
 """How many times fixed45 has to buzz, over its worst 0.1 s, to be told apart without doubt."""
 
-SCENES = ("edge90_sphere", "corner3_sphere")
 CLAIMED = {"edge90_sphere": (20.0, 50.0), "corner3_sphere": (20.0,)}
 """Speeds of the claims, mm/s. Going round, the force turns by 90 degrees; that must take longer than the period of hand
 and guide (0.9 s), else the hand cannot follow and the tool hops: 79 mm of arc allow 87 mm/s on the edge with the ball
@@ -104,14 +106,13 @@ def print_stable(rows: list[Stable]) -> None:
         )
 
 
-def dragged_table(more: bool) -> list[Dragged]:
+def dragged_table(extent: Extent) -> list[Dragged]:
     """Both creases, both responses."""
-    factors = (0.1, 0.2, 0.5, 1.0) if more else (0.2, 0.5, 1.0)
     return [
         drag_case(scene, factor, hand, response)[0]
-        for scene in SCENES
-        for factor in factors
-        for hand in (NORMAL_GRIP, FIRM_GRIP)
+        for scene in extent.scenes
+        for factor in extent.factors
+        for hand in extent.hands
         for response in ("zones", "fixed45")
     ]
 
@@ -128,8 +129,9 @@ def responses_table() -> list[Dragged]:
 def claims_dragged(rows: list[Dragged]) -> list[Claim]:
     """Quiet and without a fault with zones; with fixed45 it visibly is not."""
     claims = []
-    for scene, speeds in CLAIMED.items():
-        chosen = [r for r in rows if r.scene == scene and r.speed_mm_s in speeds]
+    for scene in dict.fromkeys(r.scene for r in rows):
+        chosen = [r for r in rows if r.scene == scene and r.speed_mm_s in CLAIMED[scene]]
+        speeds = sorted({r.speed_mm_s for r in chosen})
         ours = [r for r in chosen if r.response == "zones"]
         theirs = [r for r in chosen if r.response == "fixed45"]
         buzz = max(r.buzz for r in ours)
@@ -170,7 +172,8 @@ def claims_stable(rows: list[Stable]) -> list[Claim]:
             if (r.place, r.response, r.passive, r.delay_ms) == (name, "zones", passive, delay)
         )
         for passive, delay in kinds
-        for name in ("edge", "corner")
+        for name in CREASES
+        if any(r.place == name for r in rows)
     }
     bare = [r for r in rows if r.response == "zones" and not r.passive]
     least = min(r.measured / r.bound for r in bare)
@@ -234,15 +237,15 @@ def draw_edge(file: Path) -> tuple[int, float]:
     return sum(len(run.mechanism) for run in runs.values()), took_s
 
 
-def run(more: bool, processes: int, figure: Path | None) -> Report:
+def run(extent: Extent, processes: int, figure: Path | None) -> Report:
     """All of it, printed as it comes."""
     ticks, took_s = draw_edge(figure or Path("build/loop/edge.png"))
     print(f"\nclosed loop: {ticks / took_s:,.0f} ticks/s")
-    dragged = dragged_table(more)
+    dragged = dragged_table(extent)
     print_dragged(dragged)
-    found = causes()
+    found = causes(extent.off)
     print_causes(found)
-    stable = stable_table(more, processes)
+    stable = stable_table(extent, processes)
     print_stable(stable)
     return Report(
         claims_dragged(dragged) + claims_stable(stable),

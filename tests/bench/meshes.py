@@ -18,20 +18,17 @@ import argparse
 import csv
 import importlib
 import json
-import os
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import igl
 import numpy as np
 import parts
 import trimesh
+from bake_run import BakeRun, run_bake
 from crease.base.errors import CreaseError
 from crease.mesh.mesh import load_mesh
 from numpy.typing import NDArray
@@ -77,37 +74,12 @@ def wrong_share(clean: trimesh.Trimesh, path: Path, unit_mm: float, damage: str)
     return float(np.count_nonzero(wrong)) / POINTS
 
 
-def bake(path: Path, unit: str, scene: Path) -> dict[str, Any]:
-    """One bake at defaults with a ball of 20 mm, in a process of its own: report, processor and wall seconds, MiB."""
-    command = [
-        sys.executable,
-        "-m",
-        "crease",
-        "bake",
-        str(path),
-        str(MESHES / "ball15.stl"),
-        "-o",
-        str(scene),
-    ]
-    command += ["--unit", unit, "--tool-unit", "mm", "--force", "--json"]
-    start_s = time.monotonic()
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        said = process.stdout.read()
-        assert process.stderr is not None
-        errors = process.stderr.read()
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise CreaseError(errors.strip().splitlines()[-1])
-    return {
-        "report": json.loads(said),
-        "wall_s": time.monotonic() - start_s,
-        "cpu_s": usage.ru_utime + usage.ru_stime,
-        "memory_MiB": usage.ru_maxrss / 1024,
-    }
+def bake(path: Path, unit: str, scene: Path) -> BakeRun:
+    """One bake at defaults with a ball of 20 mm.   Errors: CreaseError."""
+    ball = MESHES / "ball15.stl"
+    return run_bake(
+        path, ball, "-o", scene, "--unit", unit, "--tool-unit", "mm", "--force", "--json"
+    )
 
 
 def row(
@@ -132,13 +104,13 @@ def row(
     return line
 
 
-def baked(made: dict[str, Any]) -> dict[str, str]:
+def baked(made: BakeRun) -> dict[str, str]:
     """The columns of a bake."""
-    report = made["report"]["bake"]
+    report = json.loads(made.said)["bake"]
     return {
-        "cpu_s": f"{made['cpu_s']:.1f}",
-        "wall_s": f"{made['wall_s']:.1f}",
-        "memory_MiB": f"{made['memory_MiB']:.0f}",
+        "cpu_s": f"{made.cpu_s:.1f}",
+        "wall_s": f"{made.wall_s:.1f}",
+        "memory_MiB": f"{made.memory_MiB:.0f}",
         "image_MiB": f"{report['image_bytes'] / 2**20:.2f}",
         "error_um": f"{report['error_max_m'] * 1e6:.0f}",
         "samples": f"{report['points']}",

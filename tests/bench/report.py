@@ -2,12 +2,14 @@
 
     python tests/bench/report.py [build/bench]          # of make bench-peers
     python tests/bench/report.py build/properties       # of make bench-properties
+    python tests/bench/report.py build/bench -o DIR     # a copy of the report in DIR, this one stays as it is
 
 Only what lies between `<!-- NAME: begin -->` and `<!-- NAME: end -->` is written; the words round it are a person's.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import math
 import shutil
@@ -146,21 +148,34 @@ def filled(text: str, folder: Path) -> str:
     return text
 
 
+def write_report(results: Path | None, out: Path) -> Path:
+    """The report in `out`, with the files of `results` in place of those that are there.   Errors: CreaseError."""
+    if out.resolve() != HERE:
+        out.mkdir(parents=True, exist_ok=True)
+        for name in (REPORT.name, *PEERS_FILES, *PROPERTIES_FILES, "properties_before.csv"):
+            shutil.copyfile(HERE / name, out / name)
+    if results is not None:
+        for name in PROPERTIES_FILES if (results / "properties.csv").exists() else PEERS_FILES:
+            shutil.copyfile(results / name, out / name)
+    report = out / REPORT.name
+    report.write_text(filled(report.read_text(encoding="utf-8"), out), encoding="utf-8")
+    return report
+
+
 def main() -> int:
     """Command line: see the top of the file."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("results", nargs="?", type=Path, help="folder of results")
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, default=HERE)
+    args = parser.parse_args()
     try:
-        if len(sys.argv) == 2:
-            folder = Path(sys.argv[1])
-            for name in PROPERTIES_FILES if (folder / "properties.csv").exists() else PEERS_FILES:
-                shutil.copyfile(folder / name, HERE / name)
-        REPORT.write_text(filled(REPORT.read_text(encoding="utf-8"), HERE), encoding="utf-8")
+        print(write_report(args.results, args.output))
     except (OSError, CreaseError) as error:
         print(
             f"error: {error}; run `make bench-peers` or `make bench-properties` first",
             file=sys.stderr,
         )
         return 1
-    print(REPORT)
     return 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import canopen
 import cantools
 import pytest
 from crease.base.native import lib
-from crease.bus.dictionary import load
+from crease.bus.dictionary import DUMMIES, load
 from crease.bus.generate import committed, export
 from crease.bus.header import count_line
 from crease.bus.monitor import Decoder
@@ -63,6 +64,26 @@ def test_canopen_reads_every_object_as_the_dictionary_has_it(generated: Path, ax
         assert found.default == dictionary.resolve(entry.value, one), (
             f"{entry.index:04X}:{entry.sub}"
         )
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_an_eds_says_what_the_device_is_and_nothing_of_the_day(generated: Path, axis: int) -> None:
+    dictionary = load()
+    file = generated / f"crease_{AXES[axis]}.eds"
+    about = canopen.import_od(str(file), None).device_information
+    assert (about.nr_of_RXPDO, about.nr_of_TXPDO) == (2, 2)
+    assert about.allowed_baudrates == {dictionary.bus["bitrate_bit_s"]}
+    assert about.product_name == f"axis {AXES[axis].upper()}"
+    text = file.read_text(encoding="ascii")
+    assert "\nGranularity=8\n" in text
+    head = re.findall(r"^(.+?)=", text.partition("[DeviceInfo]")[0].lower(), re.MULTILINE)
+    assert len(head) == len(set(head))
+    assert set(re.findall(r"(?:Creation|Modification)(?:Date|Time)=(.*)", text)) == {
+        "01-01-2025",
+        "12:00AM",
+    }
+    dummies = {int(i) for i in re.findall(r"^Dummy(\d{4})=1$", text, re.MULTILINE)}
+    assert dummies == set(DUMMIES)
 
 
 def test_cantools_decodes_every_frame_as_the_monitor_does(generated: Path) -> None:

@@ -28,8 +28,10 @@ C_ROOMS: Rooms = {
     "firmware/port/linux": ("firmware", "firmware/servo"),
     "firmware/port/cortex-m7": ("firmware", "firmware/contact"),
     "host/native": ("sim", "firmware", "firmware/contact"),
+    "host/native/surface": ("host/native",),
+    "host/native/arrange": ("host/native",),
 }
-"""`firmware` itself holds the public headers."""
+"""`firmware` and `host/native` themselves hold the headers of what lies below."""
 
 PYTHON_ROOMS: Rooms = {
     "_native": (),

@@ -80,3 +80,10 @@ def test_every_make_target_in_the_readme_exists() -> None:
 def test_every_link_in_the_readme_leads_somewhere() -> None:
     links = re.findall(r"\]\(([^)#]+)\)", TEXT)
     assert all((ROOT / link).exists() for link in links if "://" not in link)
+
+
+def test_tables_of_the_readme_are_short() -> None:
+    """What is longer belongs into tests/bench/REPORT.md."""
+    tables = re.findall(r"(?:^\|.*\n)+", TEXT, re.MULTILINE)
+    assert len(tables) > 5
+    assert max(table.count("\n") for table in tables) <= 18

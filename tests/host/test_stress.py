@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import manifold3d
 import numpy as np
@@ -15,7 +22,7 @@ from crease.lab.exact import Solids, exact_contact, exact_joined
 from crease.replay.replay import ReplayOptions
 from host_tools import Run
 from stress import checks
-from stress.campaign import Settings, chunk_file, read_reports, run_campaign, summarise
+from stress.campaign import TLS_FILES, Settings, chunk_file, read_reports, run_campaign, summarise
 from stress.cases import KINDS, Place, run_case, touching
 from stress.drift import ROW, run_drift
 from stress.keep import keep
@@ -66,19 +73,77 @@ def test_a_campaign_is_taken_up_where_it_stopped(tmp_path: Path) -> None:
         run_campaign(tmp_path / "b", replace(settings, seed=SEED + 1))
 
 
-def test_a_dask_cluster_and_processes_give_the_same_reports(tmp_path: Path) -> None:
-    from distributed import LocalCluster
+@pytest.fixture
+def tls(tmp_path: Path) -> Path:
+    """Certificates of a cluster: one key that signs itself, for all of it."""
+    folder = tmp_path / "tls"
+    folder.mkdir()
+    words = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=cluster -keyout key.pem -out cert.pem"
+    subprocess.run(words.split(), cwd=folder, check=True, capture_output=True)
+    shutil.copy(folder / "cert.pem", folder / "ca.pem")
+    return folder
 
-    settings = Settings(seed=SEED, cases=10, per_chunk=5, scenes=1)
-    here = run_campaign(tmp_path / "here", settings)
-    pool = run_campaign(tmp_path / "pool", settings, jobs=2)
-    with LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
-        address = cluster.scheduler.address
-        dask = run_campaign(tmp_path / "dask", settings, scheduler=address)
-    for other in (pool, dask):
-        assert all(same(a, b) for a, b in zip(here, other, strict=True))
+
+@contextmanager
+def two_workers(folder: Path, *words: str) -> Iterator[str]:
+    """The programs of Dask, a scheduler and two workers of one thread, each in a process; gives the address."""
+    dask, file = Path(sys.executable).with_name("dask"), folder / "scheduler.json"
+    log = (folder / "dask.log").open("w")
+    common = ["--scheduler-file", file, *words, "--no-dashboard"]
+    commands = [[dask, "scheduler", "--host", "127.0.0.1", "--port", "0", *common]]
+    commands += 2 * [[dask, "worker", "--nthreads", "1", "--no-nanny", *common]]
+    running = [
+        subprocess.Popen([*map(str, c)], stdout=log, stderr=log, cwd=folder) for c in commands
+    ]
+    try:
+        end_s = time.monotonic() + 60
+        while not file.exists() or not file.read_text():
+            assert time.monotonic() < end_s, (folder / "dask.log").read_text()
+            time.sleep(0.1)
+        yield str(json.loads(file.read_text())["address"])
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+        log.close()
+
+
+def stress_table(folder: Path, *words: str) -> dict[str, Any]:
+    """summary.json of a small campaign by the command, without times and what is run besides."""
+    options = f"--cases 12 --per-chunk 3 --scenes 1 --shrink 0 --drift 1000 --seed {SEED}".split()
+    command = [sys.executable, "-m", "crease", "stress", "-o", str(folder), *options, *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (folder / "summary.json").exists(), done.stderr
+    table: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return {k: v for k, v in table.items() if k not in ("seconds", "cpu_s", "bake_cpu_s", "drift")}
+
+
+@pytest.mark.slow
+def test_two_dask_workers_processes_and_one_process_give_the_same_table(
+    tmp_path: Path, tls: Path
+) -> None:
+    here = stress_table(tmp_path / "here")
+    assert here["cases"] == 12
+    assert stress_table(tmp_path / "pool", "--jobs", "2") == here
+    with two_workers(tmp_path) as address:
+        assert address.startswith("tcp://")
+        assert stress_table(tmp_path / "dask", "--scheduler", address) == here
+    ca, cert, key = (str(tls / name) for name in TLS_FILES)
+    files = ("--tls-ca-file", ca, "--tls-cert", cert, "--tls-key", key)
+    with two_workers(tls, "--protocol", "tls", *files) as address:
+        assert address.startswith("tls://")
+        at = ("--scheduler", address, "--tls", str(tls))
+        assert stress_table(tmp_path / "encrypted", *at) == here
+
+
+def test_what_a_cluster_at_tls_needs_is_said(tmp_path: Path, tls: Path) -> None:
+    settings = Settings(1, 5, 5)
+    for address, folder in (("tls://127.0.0.1:1", None), ("tcp://127.0.0.1:1", tls)):
+        with pytest.raises(CreaseError, match="belong together"):
+            run_campaign(tmp_path / "a", settings, scheduler=address, tls=folder)
+    (tls / "key.pem").unlink()
+    with pytest.raises(CreaseError, match=r"key\.pem not there"):
+        run_campaign(tmp_path / "a", settings, scheduler="tls://127.0.0.1:1", tls=tls)
 
 
 def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:

@@ -183,16 +183,41 @@ def _pool(folder: Path, settings: Settings, todo: list[int], jobs: int) -> Itera
             pool.shutdown(wait=True, cancel_futures=True)
 
 
+TLS_FILES = ("ca.pem", "cert.pem", "key.pem")
+
+
+def _security(scheduler: str, tls: Path | None) -> Any:
+    """What a client at tls:// shows and asks for; None at tcp://.   Errors: CreaseError."""
+    from distributed.security import Security
+
+    if scheduler.startswith("tls://") != (tls is not None):
+        raise CreaseError(
+            f"--scheduler {scheduler}: --tls DIR and an address tls://... belong together"
+        )
+    if tls is None:
+        return None
+    missing = [name for name in TLS_FILES if not (tls / name).is_file()]
+    if missing:
+        raise CreaseError(
+            f"--tls {tls}: {', '.join(missing)} not there; it needs {', '.join(TLS_FILES)}"
+        )
+    ca, cert, key = (str(tls / name) for name in TLS_FILES)
+    return Security(
+        tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key, require_encryption=True
+    )
+
+
 def _dask(
-    folder: Path, settings: Settings, todo: list[int], scheduler: str
+    folder: Path, settings: Settings, todo: list[int], scheduler: str, tls: Path | None
 ) -> Iterator[dict[str, Any]]:
     """On a cluster that is there already. Its workers see `folder` under the same path."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:
         raise CreaseError("--scheduler needs Dask: pip install 'crease[dask]'") from error
+    security = _security(scheduler, tls)
     try:
-        client: Any = Client(scheduler, timeout=10)
+        client: Any = Client(scheduler, timeout=10, security=security)
     except (OSError, ValueError) as error:
         raise CreaseError(f"--scheduler {scheduler}: no answer: {error}") from error
     with client:
@@ -211,12 +236,16 @@ def run_campaign(
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Callable[[float], None] = lambda _: None,
+    tls: Path | None = None,
 ) -> list[dict[str, Any]]:
-    """Run what is still to do.   Output: the reports of all chunks.   Errors: CreaseError."""
+    """Run what is still to do.   Output: the reports of all chunks.   Errors: CreaseError.
+
+    scheduler: of a Dask cluster, instead of jobs. tls: folder with TLS_FILES, when it is at tls://.
+    """
     folder = folder.absolute()
     todo = open_campaign(folder, settings)
     if scheduler:
-        running = _dask(folder, settings, todo, scheduler)
+        running = _dask(folder, settings, todo, scheduler, tls)
     else:
         running = (_serial if jobs == 1 else _pool)(folder, settings, todo, jobs)
     for count, _ in enumerate(running, settings.chunks - len(todo) + 1):

@@ -1,5 +1,7 @@
-/* device: a table of keys, and the subset of TOML that it needs. */
+/* device: a table of keys. */
 #include "device.h"
+
+#include "toml.h"
 
 #include <errno.h>
 #include <stdarg.h>
@@ -9,7 +11,6 @@
 #include <string.h>
 
 #define FILE_MAX 65536
-#define LINE_LENGTH_MAX 400
 #define NUMBERS_MAX 4
 #define DEG 0.017453292519943295
 
@@ -114,8 +115,8 @@ device_config device_default(void) {
 typedef struct {
     const char *name;
     int line;
-    char table[32];
-    uint8_t seen[ENTRY_COUNT]; /* 1: given */
+    const char *table;                            /* of entries; null before the first one */
+    uint8_t seen[ENTRY_COUNT], open[ENTRY_COUNT]; /* 1: given; its table was */
     device_config *device;
     char *error;
 } reader;
@@ -129,30 +130,6 @@ __attribute__((format(printf, 2, 3))) static int fail(reader *r, const char *for
     vsnprintf(r->error + at, DEVICE_TEXT_MAX - at, format, list);
     va_end(list);
     return -1;
-}
-
-static char *skip_space(char *at) {
-    while (*at == ' ' || *at == '\t' || *at == '\r') {
-        at++;
-    }
-    return at;
-}
-
-/* Cuts trailing space and a comment outside of quotes. */
-static void trim(char *line) {
-    char *end = line;
-    int quoted = 0;
-    for (char *c = line; *c != '\0'; c++) {
-        if (*c == '"') {
-            quoted = !quoted;
-        } else if (*c == '#' && !quoted) {
-            break;
-        }
-        if (*c != ' ' && *c != '\t' && *c != '\r') {
-            end = c + 1;
-        }
-    }
-    *end = '\0';
 }
 
 /* What the key may have meant: the same word with another unit, or in another table. */
@@ -176,44 +153,37 @@ static const char *near_key(const char *table, const char *key, char *text, size
     return "see device.toml of the port for all keys";
 }
 
-static int read_table(reader *r, char *line) {
-    char *end = strchr(line, ']');
-    if (end == NULL || end[1] != '\0' || end - line - 1 >= (long)sizeof r->table) {
-        return fail(r, "'%s' is no table; write [name]", line);
-    }
-    *end = '\0';
+static int read_table(reader *r, const char *name) {
+    r->table = NULL;
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
-        if (strcmp(entries[i].table, line + 1) == 0) {
-            memcpy(r->table, line + 1, strlen(line + 1) + 1u);
-            return 0;
+        if (strcmp(entries[i].table, name) == 0) {
+            if (r->open[i]) {
+                return fail(r, "table [%s] is given twice", name);
+            }
+            r->open[i] = 1u;
+            r->table = entries[i].table;
         }
     }
-    return fail(r, "unknown table [%s]; known are bus, loop, guide, upper, fore, arm, wrist, contact, control",
-                line + 1);
+    if (r->table != NULL) {
+        return 0;
+    }
+    return fail(r, "unknown table [%s]; known are bus, loop, guide, upper, fore, arm, wrist, contact, control", name);
 }
 
 static int read_name(reader *r, const entry *e, char *value) {
-    size_t length = strlen(value);
-    if (length < 2u + (size_t)e->low || value[0] != '"' || value[length - 1u] != '"' ||
-        memchr(value + 1, '"', length - 2u) != NULL) {
+    const char *text = toml_text(value);
+    if (text == NULL || strlen(text) < (size_t)e->low) {
         return fail(r, "%s must be a text in quotes", e->key);
     }
-    if (length - 2u >= e->count) {
+    if (strlen(text) >= e->count) {
         return fail(r, "%s has at most %u letters", e->key, (unsigned)e->count - 1u);
     }
-    char *to = (char *)r->device + e->offset;
-    memcpy(to, value + 1, length - 2u);
-    to[length - 2u] = '\0';
+    memcpy((char *)r->device + e->offset, text, strlen(text) + 1u);
     return 0;
 }
 
 static int read_number(reader *r, const entry *e, char **at, double *out) {
-    char *end;
-    *at = skip_space(*at);
-    errno = 0;
-    *out = strtod(*at, &end);
-    int digits = **at == '+' || **at == '-' ? (*at)[1] >= '0' && (*at)[1] <= '9' : **at >= '0' && **at <= '9';
-    if (end == *at || errno != 0 || !digits) {
+    if (toml_number(at, out) != 0) {
         return fail(r, "%s: '%s' is not a number", e->key, *at);
     }
     if (e->low == e->high && *out != e->low) {
@@ -225,7 +195,6 @@ static int read_number(reader *r, const entry *e, char **at, double *out) {
     if (e->kind == WHOLE && *out != (double)(uint32_t)*out) {
         return fail(r, "%s = %g is not a whole number", e->key, *out);
     }
-    *at = skip_space(end);
     return 0;
 }
 
@@ -260,57 +229,49 @@ static int read_numbers(reader *r, const entry *e, char *value) {
     return 0;
 }
 
-static int read_pair(reader *r, char *line) {
-    char text[128], *equals = strchr(line, '=');
-    if (equals == NULL || equals == line) {
-        return fail(r, "'%s' is neither [table] nor key = value", line);
+static int read_pair(reader *r, const char *key, char *value) {
+    char text[128];
+    if (r->table == NULL) {
+        return fail(r, "key '%s' stands before the first [table]", key);
     }
-    *equals = '\0';
-    trim(line);
-    char *value = skip_space(equals + 1);
     for (size_t i = 0; i < ENTRY_COUNT; i++) {
         const entry *e = &entries[i];
-        if (strcmp(e->table, r->table) != 0 || strcmp(e->key, line) != 0) {
+        if (strcmp(e->table, r->table) != 0 || strcmp(e->key, key) != 0) {
             continue;
         }
         if (r->seen[i]) {
-            return fail(r, "%s is given twice", line);
+            return fail(r, "%s is given twice", key);
         }
         r->seen[i] = 1u;
         return e->kind == NAME ? read_name(r, e, value) : read_numbers(r, e, value);
     }
-    if (r->table[0] == '\0') {
-        return fail(r, "key '%s' stands before the first [table]", line);
-    }
-    return fail(r, "unknown key '%s' in [%s]; %s", line, r->table, near_key(r->table, line, text, sizeof text));
+    return fail(r, "unknown key '%s' in [%s]; %s", key, r->table, near_key(r->table, key, text, sizeof text));
 }
 
-static int read_line(reader *r, const char *text, size_t length) {
-    char line[LINE_LENGTH_MAX];
-    if (length >= sizeof line || memchr(text, '\0', length) != NULL) {
-        return fail(r, "line of %zu characters, or not text; at most %d", length, LINE_LENGTH_MAX - 1);
+static int read_line(reader *r, toml_kind what, const char *name, char *value) {
+    if (what == TOML_TABLE) {
+        return read_table(r, name);
     }
-    memcpy(line, text, length);
-    line[length] = '\0';
-    trim(line);
-    char *at = skip_space(line);
-    if (*at == '\0') {
-        return 0;
+    if (what == TOML_PAIR) {
+        return read_pair(r, name, value);
     }
-    return *at == '[' ? read_table(r, at) : read_pair(r, at);
+    return name[0] == '[' ? fail(r, "'%s' is no table; write [name]", name)
+                          : fail(r, "'%s' is neither [table] nor key = value", name);
 }
 
 int device_parse(const char *name, const char *text, device_config *device, char error[DEVICE_TEXT_MAX]) {
     device_config read = device_default();
-    reader r = {name, 0, "", {0}, &read, error};
-    for (const char *at = text; *at != '\0';) {
-        const char *end = strchr(at, '\n');
-        size_t length = end != NULL ? (size_t)(end - at) : strlen(at);
-        r.line++;
-        if (read_line(&r, at, length) != 0) {
+    reader r = {name, 0, NULL, {0}, {0}, &read, error};
+    toml_reader lines = {.at = text};
+    char *key, *value;
+    for (toml_kind what; (what = toml_next(&lines, &key, &value)) != TOML_END;) {
+        r.line = lines.line;
+        if (lines.wrong != NULL) {
+            return fail(&r, "the line is %s", lines.wrong);
+        }
+        if (read_line(&r, what, key, value) != 0) {
             return -1;
         }
-        at += length + (end != NULL ? 1u : 0u);
     }
     const char *wrong = cr_servo_config_error(&read.servo);
     if (wrong == NULL && (float)read.deadline_us * 1e-6f >= read.servo.period_s) {

@@ -19,7 +19,7 @@ typedef struct {
 
 device_config device_default(void);
 
-/* Purpose  read a configuration from text: the subset of TOML that it needs (tables, numbers, strings, arrays of numbers, comments).
+/* Purpose  read a configuration from text, in the subset of TOML of toml.h.
  *          Keys that are not given keep their default.
  * Output   0 and *device, or -1 and one line in error, `name:line: what; mend`; *device untouched then. */
 int device_parse(const char *name, const char *text, device_config *device, char error[DEVICE_TEXT_MAX]);

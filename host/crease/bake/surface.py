@@ -1,4 +1,4 @@
-"""The static surface as the bake sees it: facets, patches, creases and exact distances (C, host/native/bake.c)."""
+"""The static surface as the bake sees it: facets, patches, creases and exact distances (C, host/native/surface/)."""
 
 from __future__ import annotations
 

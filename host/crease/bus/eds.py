@@ -1,92 +1,100 @@
-"""EDS of a drive (CiA 306), for any CANopen tool.
+"""EDS of a drive (CiA 306), for any CANopen tool: the dictionary handed to the exporter of canopen.
 
-Written here: the one of canopen puts the time of day in, leaves the numbers of PDOs out, and changes the granularity.
+That one writes the time of day unless it is given another; types that may be skipped are objects Dummy000N to it.
 """
 
 from __future__ import annotations
 
+import io
 from itertools import groupby
+from typing import TYPE_CHECKING, Any
 
 from crease.bus.dictionary import DUMMIES, Axis, Dictionary, Entry
 
-_MANDATORY = (0x1000, 0x1001, 0x1018)
-_OBJECT_CODE = {"var": 0x7, "array": 0x8, "record": 0x9}
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
-
-def _number(value: int, bits: int) -> str:
-    return f"0x{value & ((1 << bits) - 1):0{bits // 4}X}" if value >= 0 else str(value)
+_FILE_INFO = {
+    "FileVersion": "1",
+    "FileRevision": "0",
+    "EDSVersion": "4.0",
+    "CreationTime": "12:00AM",
+    "CreationDate": "01-01-2025",
+    "CreatedBy": "crease",
+    "ModificationTime": "12:00AM",
+    "ModificationDate": "01-01-2025",
+    "ModifiedBy": "crease",
+}
+"""The same bytes from the same dictionary."""
 
 
 def _value(dictionary: Dictionary, entry: Entry, axis: Axis) -> str:
     """Default value; relative to the node where it is so in the dictionary."""
     if isinstance(entry.value, str) and entry.value.startswith("$NODEID"):
         return entry.value
-    return _number(dictionary.resolve(entry.value, axis), entry.data.bits)
+    value = dictionary.resolve(entry.value, axis)
+    return f"0x{value:0{entry.data.bits // 4}X}" if value >= 0 else str(value)
 
 
-def _entry_lines(dictionary: Dictionary, entry: Entry, axis: Axis) -> list[str]:
-    lines = [
-        f"ParameterName={entry.object_name if entry.kind == 'var' else entry.name}",
-        "ObjectType=0x7",
-        f"DataType=0x{entry.data.code:04X}",
-        f"AccessType={entry.access}",
-        f"DefaultValue={_value(dictionary, entry, axis)}",
-        f"PDOMapping={int(entry.rpdo or entry.tpdo)}",
-    ]
+def _variable(dictionary: Dictionary, entry: Entry, axis: Axis) -> Any:
+    from canopen.objectdictionary import ODVariable
+
+    name = entry.object_name if entry.kind == "var" else entry.name
+    made = ODVariable(name, entry.index, entry.sub)
+    made.data_type, made.access_type = entry.data.code, entry.access
+    made.default_raw = _value(dictionary, entry, axis)
+    made.pdo_mappable = entry.rpdo or entry.tpdo
     low, high = (dictionary.resolve(limit, axis) for limit in (entry.low, entry.high))
     if (low, high) != (entry.data.low, entry.data.high) and entry.access == "rw":
-        lines += [
-            f"LowLimit={_number(low, entry.data.bits)}",
-            f"HighLimit={_number(high, entry.data.bits)}",
-        ]
-    return lines
+        made.min, made.max = low, high
+    return made
 
 
-def _list_section(name: str, indices: list[int]) -> list[str]:
-    lines = [f"[{name}]", f"SupportedObjects={len(indices)}"]
-    return [*lines, *(f"{i}=0x{index:04X}" for i, index in enumerate(indices, 1)), ""]
+def _object(dictionary: Dictionary, entries: Sequence[Entry], axis: Axis) -> Any:
+    from canopen.objectdictionary import ODArray, ODRecord
+
+    first = entries[0]
+    if first.kind == "var":
+        return _variable(dictionary, first, axis)
+    made = (ODArray if first.kind == "array" else ODRecord)(first.object_name, first.index)
+    for entry in entries:
+        made.add_member(_variable(dictionary, entry, axis))
+    return made
+
+
+def _describe(information: Any, dictionary: Dictionary, axis: Axis) -> None:
+    """The [DeviceInfo] of the file."""
+    bus, pdos = dictionary.bus, dictionary.drive_pdos(axis)
+    information.vendor_name, information.vendor_number = "crease", bus["vendor_id"]
+    information.product_name, information.product_number = f"axis {axis.name}", bus["product_code"]
+    information.revision_number, information.order_code = bus["revision"], f"crease-{axis.name}"
+    information.allowed_baudrates = {bus["bitrate_bit_s"]}
+    information.simple_boot_up_master, information.simple_boot_up_slave = False, True
+    information.granularity = 8
+    information.dynamic_channels_supported = information.group_messaging = False
+    information.nr_of_RXPDO = sum(pdo.kind == "rpdo" for pdo in pdos)
+    information.nr_of_TXPDO = sum(pdo.kind == "tpdo" for pdo in pdos)
+    information.LSS_supported = False
 
 
 def to_eds(dictionary: Dictionary, axis: Axis) -> str:
     """The text of the EDS of one axis: the drive as it is at power-on."""
-    bus = dictionary.bus
-    rpdos = sum(pdo.kind == "rpdo" for pdo in dictionary.drive_pdos(axis))
-    tpdos = sum(pdo.kind == "tpdo" for pdo in dictionary.drive_pdos(axis))
-    rates = (10, 20, 50, 125, 250, 500, 800, 1000)
-    supported = bus["bitrate_bit_s"] // 1000
-    lines = [
-        "[FileInfo]", f"FileName=crease_{axis.name.lower()}.eds", "FileVersion=1", "FileRevision=0",
-        "EDSVersion=4.0", f"Description=CiA 402 drive of {axis.description}", "CreationTime=12:00AM",
-        "CreationDate=01-01-2025", "CreatedBy=crease", "ModificationTime=12:00AM",
-        "ModificationDate=01-01-2025", "ModifiedBy=crease", "",
-        "[DeviceInfo]", "VendorName=crease", f"VendorNumber=0x{bus['vendor_id']:08X}",
-        f"ProductName=axis {axis.name}", f"ProductNumber=0x{bus['product_code']:08X}",
-        f"RevisionNumber=0x{bus['revision']:08X}", f"OrderCode=crease-{axis.name}",
-        *(f"BaudRate_{rate}={int(rate == supported)}" for rate in rates),
-        "SimpleBootUpMaster=0", "SimpleBootUpSlave=1", "Granularity=8", "DynamicChannelsSupported=0",
-        "GroupMessaging=0", f"NrOfRxPDO={rpdos}", f"NrOfTxPDO={tpdos}", "LSS_Supported=0", "",
-        "[DummyUsage]", *(f"Dummy{i:04X}={int(i in DUMMIES)}" for i in range(1, 8)), "",
-        "[Comments]", "Lines=1", "Line1=generated from dictionary.toml of crease", "",
-    ]  # fmt: skip
-    indices = sorted({entry.index for entry in dictionary.entries})
-    lines += _list_section("MandatoryObjects", [i for i in indices if i in _MANDATORY])
-    lines += _list_section(
-        "OptionalObjects", [i for i in indices if i not in _MANDATORY and not 0x2000 <= i < 0x6000]
-    )
-    lines += _list_section("ManufacturerObjects", [i for i in indices if 0x2000 <= i < 0x6000])
-    for index, group in groupby(dictionary.entries, key=lambda entry: entry.index):
-        entries = list(group)
-        first = entries[0]
-        if first.kind == "var":
-            lines += [f"[{index:04X}]", *_entry_lines(dictionary, first, axis), ""]
-            continue
-        lines += [
-            f"[{index:04X}]",
-            f"ParameterName={first.object_name}",
-            f"ObjectType=0x{_OBJECT_CODE[first.kind]:X}",
-            f"SubNumber={len(entries)}",
-            "",
-        ]
-        for entry in entries:
-            lines += [f"[{index:04X}sub{entry.sub:X}]", *_entry_lines(dictionary, entry, axis), ""]
-    return "\n".join(lines)
+    from canopen.objectdictionary import ObjectDictionary, ODVariable
+    from canopen.objectdictionary.eds import export_eds
+
+    od = ObjectDictionary()
+    _describe(od.device_information, dictionary, axis)
+    od.comments = "generated from dictionary.toml of crease"
+    for index in sorted(DUMMIES):
+        od.add_object(ODVariable(f"Dummy{index:04d}", index))
+    for _, entries in groupby(dictionary.entries, key=lambda entry: entry.index):
+        od.add_object(_object(dictionary, list(entries), axis))
+    file_info = {
+        "FileName": f"crease_{axis.name.lower()}.eds",
+        "Description": f"CiA 402 drive of {axis.description}",
+        **_FILE_INFO,
+    }
+    setattr(od, "__edsFileInfo", {})  # else a second EDSVersion comes in, spelled otherwise
+    text = io.StringIO()
+    export_eds(od, text, file_info)
+    return text.getvalue()

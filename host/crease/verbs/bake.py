@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +15,10 @@ from crease.verbs.common import (
     SubParsers,
     add_force,
     add_json,
+    add_mesh_options,
+    add_unit,
     length,
-    number,
+    metres,
     print_json,
     print_lines,
     size,
@@ -47,13 +48,7 @@ def add_parser(sub: SubParsers) -> None:
         required=True,
         help="the image; its meshes go beside it, SCENE.crs.glb",
     )
-    parser.add_argument(
-        "--unit",
-        metavar="UNIT",
-        type=unit,
-        required=True,
-        help="of the files: nm, um, mm, cm, dm, m, in, ft",
-    )
+    add_unit(parser)
     parser.add_argument(
         "--tool-unit", metavar="UNIT", type=unit, help="of TOOL, when it has another one"
     )
@@ -69,24 +64,12 @@ def add_parser(sub: SubParsers) -> None:
         type=length,
         help="distance between samples of the tool (default: 1/30 of its middle size, at most about 20,000 samples)",
     )
-    parser.add_argument(
-        "--crease-angle",
-        metavar="DEG",
-        type=number(0.1, 179.0),
-        default=30.0,
-        help="sharper edges are creases (default: 30)",
-    )
+    add_mesh_options(parser, " (default: refuse them, or leave them out beside solids)")
     parser.add_argument(
         "--tolerance",
         metavar="LENGTH",
         type=length,
         help="refine until the distance error near the surface is below this (default: 1/4 voxel)",
-    )
-    parser.add_argument(
-        "--sheet",
-        metavar="LENGTH",
-        type=length,
-        help="make open sheets this thick (default: refuse them, or leave them out beside solids)",
     )
     parser.add_argument(
         "--chord",
@@ -155,12 +138,11 @@ def read_meshes(args: argparse.Namespace, progress: Progress) -> tuple[Mesh, Mes
     """STATIC and TOOL of the command line.   Errors: MeshError."""
     from crease.mesh.mesh import CHORD_M, load_mesh
 
-    sheet_m = args.sheet(args.unit) if args.sheet else None
-    chord_m = args.chord(args.unit) if args.chord else CHORD_M
+    sheet_m, chord_m = metres(args.sheet, args.unit), metres(args.chord, args.unit)
 
     def read(path: Path, unit_m: float) -> Mesh:
         return load_mesh(
-            path, unit_m, progress, sheet_m=sheet_m, strict=args.strict, chord_m=chord_m
+            path, unit_m, progress, sheet_m=sheet_m, strict=args.strict, chord_m=chord_m or CHORD_M
         )
 
     return read(args.static, args.unit), read(args.tool, args.tool_unit or args.unit)
@@ -170,14 +152,11 @@ def bake_options(args: argparse.Namespace) -> BakeOptions:
     """The options of the command line, bare numbers in the unit of STATIC."""
     from crease.bake.bake import BakeOptions
 
-    def metres(option: Callable[[float], float] | None) -> float | None:
-        return option(args.unit) if option else None
-
     return BakeOptions(
-        voxel_m=metres(args.voxel),
-        spacing_m=metres(args.spacing),
+        voxel_m=metres(args.voxel, args.unit),
+        spacing_m=metres(args.spacing, args.unit),
         crease_angle_deg=args.crease_angle,
-        tolerance_m=metres(args.tolerance),
+        tolerance_m=metres(args.tolerance, args.unit),
         memory_max_bytes=args.memory_max,
         image_max_bytes=args.image_max,
     )

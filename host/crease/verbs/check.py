@@ -14,11 +14,12 @@ from crease.verbs.common import (
     SubParsers,
     add_force,
     add_json,
+    add_mesh_options,
+    add_unit,
     length,
-    number,
+    metres,
     print_json,
     print_lines,
-    unit,
 )
 
 if TYPE_CHECKING:
@@ -33,20 +34,11 @@ def add_parser(sub: SubParsers) -> None:
         description="Report on mesh files without baking them. Exit status 1 when one of them would be refused.",
     )
     parser.add_argument("meshes", metavar="MESH", type=Path, nargs="+", help="mesh file")
-    parser.add_argument(
-        "--unit", metavar="UNIT", type=unit, required=True,
-        help="of the files: nm, um, mm, cm, dm, m, in, ft",
-    )  # fmt: skip
+    add_unit(parser)
     parser.add_argument(
         "--voxel", metavar="LENGTH", type=length, help="say whether walls are thicker than this"
     )
-    parser.add_argument(
-        "--crease-angle", metavar="DEG", type=number(0.1, 179.0), default=30.0,
-        help="sharper edges are creases (default: 30)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--sheet", metavar="LENGTH", type=length, help="make open sheets this thick"
-    )
+    add_mesh_options(parser)
     parser.add_argument(
         "-o", "--output", metavar="PNG", type=Path, help="a picture of what was found"
     )
@@ -63,8 +55,7 @@ def run(args: argparse.Namespace) -> None:
     if args.output is not None:
         check_suffix(args.output, (".png",))
         check_target(args.output, args.force)
-    sheet_m = args.sheet(args.unit) if args.sheet else None
-    voxel_m = args.voxel(args.unit) if args.voxel else None
+    sheet_m, voxel_m = metres(args.sheet, args.unit), metres(args.voxel, args.unit)
     findings = [examine(path, args.unit, args.crease_angle, sheet_m) for path in args.meshes]
     if args.json:
         print_json({"meshes": [one.report() for one in findings]})

@@ -81,6 +81,30 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_unit(parser: argparse.ArgumentParser) -> None:
+    """--unit: what bare numbers and the coordinates in mesh files are in."""
+    parser.add_argument(
+        "--unit", metavar="UNIT", type=unit, required=True,
+        help="of the files: nm, um, mm, cm, dm, m, in, ft",
+    )  # fmt: skip
+
+
+def add_mesh_options(parser: argparse.ArgumentParser, sheet_default: str = "") -> None:
+    """--crease-angle, --sheet: how a mesh is read."""
+    parser.add_argument(
+        "--crease-angle", metavar="DEG", type=number(0.1, 179.0), default=30.0,
+        help="sharper edges are creases (default: 30)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sheet", metavar="LENGTH", type=length, help=f"make open sheets this thick{sheet_default}"
+    )
+
+
+def metres(option: Callable[[float], float] | None, bare_m: float) -> float | None:
+    """The value of an option of type `length`, None when it is not given. bare_m: of a bare number."""
+    return option(bare_m) if option else None
+
+
 def add_stiffness(parser: argparse.ArgumentParser) -> None:
     """--stiffness: of the contact."""
     parser.add_argument(

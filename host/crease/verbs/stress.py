@@ -44,8 +44,15 @@ def add_parser(sub: SubParsers) -> None:
         help="processor time to simplify the solids of each reproducer (2)",
     )  # fmt: skip
     parser.add_argument(
-        "--scheduler", metavar="tcp://...", help="an existing Dask cluster that sees DIR, instead of --jobs"
+        "--scheduler", metavar="ADDRESS", help="an existing Dask cluster that sees DIR, instead of --jobs: "
+        "tls://..., or tcp://... where nobody else reaches its ports, since workers run what they are sent",
     )  # fmt: skip
+    parser.add_argument(
+        "--tls",
+        metavar="DIR",
+        type=Path,
+        help="of a scheduler at tls://: ca.pem, cert.pem, key.pem",
+    )
     parser.add_argument(
         "--drift", metavar="TICKS", type=whole, default=DRIFT_TICKS,
         help="length of the two runs on quaternion drift (ten million)",
@@ -79,7 +86,12 @@ def run(args: argparse.Namespace) -> None:
     settings = campaign.Settings(args.seed, args.cases, args.per_chunk, args.scenes, args.shrink)
     with Progress() as progress:
         reports = campaign.run_campaign(
-            args.output, settings, args.jobs, args.scheduler, lambda part: progress("stress", part)
+            args.output,
+            settings,
+            args.jobs,
+            args.scheduler,
+            lambda part: progress("stress", part),
+            args.tls,
         )
     violations = [v for report in reports for v in report["violations"]]
     drifts = [drift.run_drift(args.seed, args.drift, unit) for unit in (True, False)]

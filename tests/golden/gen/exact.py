@@ -1,6 +1,6 @@
 """Exact reference of every scene: forces, depths and normals from mesh booleans.
 
-    python tests/golden/gen/exact.py SCENE|all [--every N] [-o DIR]
+    python tests/golden/gen/exact.py SCENE|all [--every N] [--skip SCENE] [-o DIR]
 
 Reads meshes/scenes.toml and build/meshes (made by meshes/make.py), writes
 tests/golden/exact/NAME.csv.gz: the same bytes on every run. Definitions and columns: README.md
@@ -14,6 +14,7 @@ import argparse
 import gzip
 import time
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parents[3]
 Floats = NDArray[np.float64]
+Solve = Callable[[dict[str, Any], Path, int], tuple[Floats, str]]
+"""Scene, folder of meshes, every: rows (n, 13), summary line."""
 
 COLUMNS = (
     "t_s,fx_mm,fy_mm,fz_mm,depth_mm,nx,ny,nz,areas,volume_mm3,"
@@ -102,13 +105,18 @@ def _largest_move(trace: Trace, tick: int, vertices: Floats) -> float:
     return float(np.linalg.norm(after - before, axis=1).max())
 
 
+def chosen_ticks(trace: Trace, every: int) -> NDArray[np.int64]:
+    """Ticks i, i + 1 with i divisible by `every`."""
+    ticks = np.arange(len(trace.t_s))
+    return np.asarray(ticks[(ticks % every == 0) | (ticks % every == 1)])
+
+
 def solve_scene(scene: dict[str, Any], meshes: Path, every: int) -> tuple[Floats, str]:
     """Rows (n, 13) of one scene and its summary line."""
     static = make_solid(*read_stl(meshes / scene["static"]))
     tool = make_solid(*read_stl(meshes / scene["tool"]))
     trace = read_path(meshes / scene["path"])
-    ticks = np.arange(len(trace.t_s))
-    ticks = ticks[(ticks % every == 0) | (ticks % every == 1)]
+    ticks = chosen_ticks(trace, every)
     matrix = trace.attitude.as_matrix()
     rows = []
     imbalance = 0.0
@@ -120,14 +128,13 @@ def solve_scene(scene: dict[str, Any], meshes: Path, every: int) -> tuple[Floats
     return table, f"{summary(table, trace, ticks, tool)}, normal sums agree to {imbalance:.1e}"
 
 
-def main() -> None:
-    """Command line; see the module text."""
-    parser = argparse.ArgumentParser(
-        description="Exact reference of the test scenes from mesh booleans."
-    )
+def write_tables(about: str, folder: str, solve: Solve) -> None:
+    """Command line of a reference: the scenes that it names, solved, each a file of tests/golden/`folder`."""
+    parser = argparse.ArgumentParser(description=about)
     parser.add_argument("scene", help="name in meshes/scenes.toml, or 'all'")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="pairs of ticks, every N")
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "tests" / "golden" / "exact")
+    parser.add_argument("--skip", action="append", default=[], metavar="SCENE")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "tests" / "golden" / folder)
     args = parser.parse_args()
     scenes = tomllib.loads((ROOT / "meshes" / "scenes.toml").read_text())
     if args.scene != "all" and args.scene not in scenes:
@@ -135,11 +142,11 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     done: set[str] = set()
     for name, scene in scenes.items():
-        if args.scene not in ("all", name) or scene["exact"] in done:
+        if args.scene not in ("all", name) or name in args.skip or scene["exact"] in done:
             continue
         done.add(scene["exact"])
         begin = time.perf_counter()
-        rows, text = solve_scene(scene, ROOT / "build" / "meshes", args.every)
+        rows, text = solve(scene, ROOT / "build" / "meshes", args.every)
         target = args.out / scene["exact"]
         part = target.with_name(target.name + ".part")
         part.write_bytes(table_bytes(rows))
@@ -148,4 +155,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    write_tables("Exact reference of the test scenes from mesh booleans.", "exact", solve_scene)

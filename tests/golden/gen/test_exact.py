@@ -3,42 +3,23 @@
 from __future__ import annotations
 
 import gzip
-import sys
-import tomllib
 from pathlib import Path
-from typing import Any
 
+import exact
+import make
 import manifold3d as mf
 import numpy as np
+import overlap
 import pytest
+import scene_paths
+from gen_tools import LEVEL, SCENES, slab, solid
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[2]
-sys.path[:0] = [str(HERE), str(ROOT / "meshes")]
 
-import exact  # noqa: E402
-import make  # noqa: E402
-import overlap  # noqa: E402
-import scene_paths  # noqa: E402
 
 Floats = NDArray[np.float64]
-SCENES: dict[str, dict[str, Any]] = tomllib.loads((ROOT / "meshes" / "scenes.toml").read_text())
-LEVEL = np.eye(3)
-
-
-def solid(body: mf.Manifold) -> overlap.Solid:
-    mesh = body.to_mesh64()
-    points = np.array(mesh.vert_properties[:, :3], float, order="C")
-    return overlap.make_solid(points, np.array(mesh.tri_verts, np.int64, order="C"))
-
-
-def slab(lo: list[float], hi: list[float]) -> mf.Manifold:
-    size = [h - low for low, h in zip(lo, hi, strict=True)]
-    return mf.Manifold.cube(size).translate(lo)
-
-
 WALL = solid(slab([-150.0, -150.0, -50.0], [150.0, 150.0, 0.0]))
 
 

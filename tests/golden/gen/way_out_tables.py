@@ -8,14 +8,11 @@ bytes on every run, columns as in README.md; `areas` is the number of contacts t
 
 from __future__ import annotations
 
-import argparse
-import time
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from exact import ROOT, Floats, read_path, summary, table_bytes
+from exact import Floats, chosen_ticks, read_path, summary, write_tables
 from overlap import make_solid, read_stl
 from way_out import contact, make_body
 
@@ -28,8 +25,7 @@ def solve_scene(scene: dict[str, Any], meshes: Path, every: int) -> tuple[Floats
     solids = [make_solid(*read_stl(meshes / scene[k])) for k in ("static", "tool")]
     static, tool = map(make_body, solids)
     trace = read_path(meshes / scene["path"])
-    ticks = np.arange(len(trace.t_s))
-    ticks = ticks[(ticks % every == 0) | (ticks % every == 1)]
+    ticks = chosen_ticks(trace, every)
     matrix = trace.attitude.as_matrix()
     rows = []
     for i in ticks:
@@ -47,31 +43,5 @@ def solve_scene(scene: dict[str, Any], meshes: Path, every: int) -> tuple[Floats
     return table, summary(table, trace, ticks, solids[1])
 
 
-def main() -> None:
-    """Command line; see the module text."""
-    parser = argparse.ArgumentParser(description="Exact way out of the test scenes.")
-    parser.add_argument("scene", help="name in meshes/scenes.toml, or 'all'")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="pairs of ticks, every N")
-    parser.add_argument("--skip", action="append", default=[], metavar="SCENE")
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "tests" / "golden" / "exact_new")
-    args = parser.parse_args()
-    scenes = tomllib.loads((ROOT / "meshes" / "scenes.toml").read_text())
-    if args.scene != "all" and args.scene not in scenes:
-        parser.error(f"unknown scene {args.scene}; known: {' '.join(scenes)}")
-    args.out.mkdir(parents=True, exist_ok=True)
-    done: set[str] = set()
-    for name, scene in scenes.items():
-        if args.scene not in ("all", name) or name in args.skip or scene["exact"] in done:
-            continue
-        done.add(scene["exact"])
-        begin = time.perf_counter()
-        rows, text = solve_scene(scene, ROOT / "build" / "meshes", args.every)
-        target = args.out / scene["exact"]
-        part = target.with_name(target.name + ".part")
-        part.write_bytes(table_bytes(rows))
-        part.replace(target)
-        print(f"{name}: {text}, {time.perf_counter() - begin:.1f} s", flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    write_tables("Exact way out of the test scenes.", "exact_new", solve_scene)

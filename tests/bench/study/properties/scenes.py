@@ -18,7 +18,9 @@ from crease.mesh.mesh import Mesh, load_mesh
 MM = 1e-3
 ROOT = Path(crease.__file__).resolve().parents[2]
 BAKE_C = (
-    "host/native/bake.*",
+    "host/native/bake.h",
+    "host/native/vec.h",
+    "host/native/surface/*",
     "host/native/probe.*",
     "firmware/**/image.h",
     "firmware/**/config.h",

@@ -1,0 +1,67 @@
+"""The samples of a tool: those of its faces and those of what sticks out, before they are grouped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from crease.bake.cells import make_cells
+from crease.bake.features import feature_points
+from crease.bake.surface import Surface
+from crease.bake.vectors import F64, I64, unit
+
+FEATURE_AREA = 1e-3
+"""Area of a vertex or crease sample as a share of spacing^2: gives a lone spike a direction, shifts no sum."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Shapes: position_m, area_m2 (vectors, outward), normal (n, 3); spread_m2 (n, 3, 3); the others (n,)."""
+
+    position_m: F64
+    area_m2: F64
+    normal: F64
+    spread_m2: F64
+    ramp_m: F64
+    reach_m: F64
+    bow_m: F64
+    feature: npt.NDArray[np.bool_]
+    crease: npt.NDArray[np.bool_]
+    vertex: npt.NDArray[np.bool_]
+    patch: I64
+
+
+def make_samples(surface: Surface, spacing_m: float) -> Samples:
+    """The shell before grouping."""
+    cells = make_cells(surface, spacing_m)
+    position, count = cells.position_m, len(cells.position_m)
+    spots = feature_points(surface, spacing_m)
+    spot_area = FEATURE_AREA * spacing_m**2 * spots.normal
+    some = len(spots.position_m) > 0
+    spot_patch = (
+        cells.patch[cKDTree(position).query(spots.position_m)[1]] if some else np.zeros(0, np.int64)
+    )
+    # The closed surface's area vectors add up to zero; the features' little areas must not spoil that.
+    area = cells.area_m2 - (cells.area_m2.sum(axis=0) + spot_area.sum(axis=0)) / count
+    spread = np.concatenate(
+        [cells.spread_m2, spots.half_m[:, :, None] * spots.half_m[:, None, :] / 3]
+    )
+    # A uniform strip of width b has the second moment b^2 / 12.
+    widest = np.sqrt(np.maximum(0.0, 12 * np.linalg.eigvalsh(spread)[:, -1]))
+    half = np.linalg.norm(spots.half_m, axis=1)
+    return Samples(
+        np.concatenate([position, spots.position_m]),
+        np.concatenate([area, spot_area]),
+        np.concatenate([unit(area), spots.normal]),
+        spread,
+        0.5 * np.maximum(widest, 0.1 * spacing_m),
+        np.concatenate([np.zeros(count), half]),
+        np.concatenate([cells.bow_m, np.zeros(len(half))]),
+        np.arange(count + len(spot_area)) >= count,
+        np.concatenate([np.zeros(count, bool), half > 0]),
+        np.concatenate([np.zeros(count, bool), half == 0]),
+        np.concatenate([cells.patch, spot_patch]),
+    )
