@@ -40,7 +40,7 @@ static inline int take_lane(uint32_t *lanes) {
 }
 
 /* In a loop over lanes: may this one be left out? One that is not asked for, where lanes cost one by one; with vectors leaving out costs more. */
-static inline int skip_lane(uint32_t lanes, int i) { return CR_SCALAR && ((lanes >> i) & 1u) == 0u; }
+#define SKIP_LANE(lanes, i) (CR_SCALAR && (((lanes) >> (i)) & 1u) == 0u)
 
 static inline uint32_t count_lanes(uint32_t lanes) {
     uint32_t count = 0u;
