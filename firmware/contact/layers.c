@@ -72,7 +72,7 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
                       cr_way_reach *reach, cr_way_layer *out) {
     float deep = 0.0f;
     for (int i = 0; i < CR_LANES; i++) {
-        if (SKIP_LANE(near, i)) {
+        if (CR_SCALAR && !has_lane(near, i)) {
             continue;
         }
         const part p = part_below(c, i, n, height_m[i]);
@@ -248,7 +248,7 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr
                         cr_way_layers *out, cr_way_layer *layer) {
     float deep = 0.0f, apart2 = 0.0f;
     for (int i = 0; i < CR_LANES; i++) {
-        if (SKIP_LANE(out->near, i)) {
+        if (CR_SCALAR && !has_lane(out->near, i)) {
             continue;
         }
         const cr_vec3 n = v3(g->x[i], g->y[i], g->z[i]);
