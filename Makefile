@@ -125,7 +125,7 @@ build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_
 	@touch $@
 
 # From a source archive, so that it is seen to hold all it needs. auditwheel puts ODE into the wheel.
-WHEELS := build/wheels
+WHEELS := $(OUT)/wheels
 
 wheel: $(VENV)/.develop build/.npm ## source archive and wheel for any x86-64 Linux as new as this one, in build/wheels
 	@rm -rf $(WHEELS); mkdir -p $(WHEELS)
@@ -385,7 +385,7 @@ hil: build/.develop build/gcc/creased hil-kernel ## tests on a real vcan: native
 	    $(PY) tests/hil/repeat.py --seconds $(HIL_SECONDS); fi
 
 # Every target of `make help` that continuous integration does not run as it is, in its quick form, so that none rots.
-HELPED = $(shell sed -n 's/^\([a-z0-9-]*\):.*\#\# .*/\1/p' Makefile firmware/port/cortex-m7/device.mk)
+HELPED = $(shell sed -n 's/^\([a-z0-9-]*\):.*\#\# .*/\1/p' Makefile firmware/port/cortex-m7/device.mk firmware/package/install.mk)
 CI_TARGETS = $(shell sed -n 's/^make \([a-z0-9-]*\).*/\1/p' .ci/run)
 QUICK_TARGETS = $(filter-out $(CI_TARGETS),$(HELPED))
 
@@ -468,7 +468,7 @@ licences: $(VENV)/.develop build/.npm ## collect the licences of other authors: 
 	$(PY) host/backend/third_party.py
 
 docs: build/.develop ## pages of the C and Python interfaces and of all texts, to read offline, links checked: build/docs/index.html
-	$(PY) host/backend/reference.py build/docs
+	$(PY) host/backend/reference.py $(OUT)/docs
 
 format: $(VENV)/.develop ## rewrite C and Python in the house format
 	clang-format -i $(C_ALL)

@@ -1,6 +1,8 @@
 /* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. WAY_OUT.md "Depth". */
 #include "contact/way_out.h"
 
+#if CR_WAY_OUT
+
 /* How much deeper than what is nearest to a plane a sample elsewhere may be below it. */
 #define BEYOND 2.0f
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
@@ -108,7 +110,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
         const struct cr_img_cluster *c = at->c;
         float *height = e->height_m[e->count], *steep = e->leaves[e->count];
         for (int i = 0; i < CR_LANES; i++) {
-            if (skip_lane(lanes, i)) {
+            if (CR_SCALAR && !has_lane(lanes, i)) {
                 continue;
             }
             const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
@@ -128,7 +130,7 @@ static void find_own(const cr_way_half *half, const spots *at, uint32_t lanes, r
         e->normal[k] = p->normal;
         e->curved[k] = p->curved;
         for (int i = 0; i < CR_LANES; i++) {
-            if (skip_lane(lanes, i)) {
+            if (CR_SCALAR && !has_lane(lanes, i)) {
                 continue;
             }
             e->height_m[k][i] = p->height_m[i];
@@ -148,7 +150,7 @@ static void find_reach(const spots *at, uint32_t lanes, const rows *e, uint32_t 
     const struct cr_img_cluster *c = at->c;
     const cr_lanes3 *normal = at->normal;
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(lanes, i)) {
+        if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
         }
         reach_m[i] = cr_way_half_width(c, i, e->curved[k] ? lane_of(normal, i) : e->normal[k]);
@@ -162,7 +164,7 @@ static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, 
     const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
     uint32_t longer = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(lanes, i)) {
+        if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
         }
         const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
@@ -187,7 +189,7 @@ static void find_ways(const spots *at, uint32_t lanes, const rows *e, float trus
         float reach[CR_LANES];
         find_reach(at, lanes, e, k, reach);
         for (int i = 0; i < CR_LANES; i++) {
-            if (skip_lane(lanes, i)) {
+            if (CR_SCALAR && !has_lane(lanes, i)) {
                 continue;
             }
             const float leaves = e->leaves[k][i], h = e->height_m[k][i];
@@ -203,7 +205,7 @@ static void find_ways(const spots *at, uint32_t lanes, const rows *e, float trus
     }
     w->plain = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(lanes, i)) {
+        if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
         }
         w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= trusted)) << i;
@@ -252,7 +254,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     add_bounds(half, at, lanes, &e);
     find_ways(at, lanes, &e, trusted, &w);
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(lanes, i)) {
+        if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
         }
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
@@ -260,7 +262,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
         half->depth_m = ((lanes & w.plain) >> i) & 1u ? higher_f(half->depth_m, way) : half->depth_m;
     }
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(lanes, i)) {
+        if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
         }
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
@@ -547,3 +549,5 @@ void cr_way_measure(const cr_respond_input *in, const cr_way_relations *relation
         }
     }
 }
+
+#endif

@@ -210,7 +210,7 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     hit->whole = 1u;
     hit->sum = w->scene->sums[cluster];
     w->set->contacts += w->scene->clusters[cluster].count;
-    if (w->options->way) {
+    if (CR_WAY_OUT && w->options->way) {
         cr_way_add_whole(w->field, w->pose, w->set, w->set->hit_count - 1u);
         return;
     }
@@ -421,7 +421,7 @@ static void take_points(walk *w, const looked *l, const batch *b, int lane) {
         take_whole(w, l->cluster, b, lane);
         return;
     }
-    if (w->options->way) {
+    if (CR_WAY_OUT && w->options->way) {
         take_cluster(w, l);
         return;
     }
@@ -491,7 +491,7 @@ static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
     cr_planes one;
     float coverage[CR_LANES];
     /* Behind walls that meet concavely the way out asks for each, however deep. */
-    const int each = w->options->way && w->planes->sign < 0.0f;
+    const int each = CR_WAY_OUT && w->options->way && w->planes->sign < 0.0f;
     const cr_planes *p = each ? w->planes : cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
@@ -718,7 +718,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         set->hit_count = 0u;
         set->touch_count = 0u;
         set->contacts = 0u;
-        if (options->way) {
+        if (CR_WAY_OUT && options->way) {
             set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
         }
         if (tool_is_free(&w)) {

@@ -1,6 +1,8 @@
 /* layers: what the samples of a cluster are inside of, surface by surface, and how deep. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
+#if CR_WAY_OUT
+
 /* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
 #define EXPLAINS 0.5f
 /* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
@@ -72,7 +74,7 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
                       cr_way_reach *reach, cr_way_layer *out) {
     float deep = 0.0f;
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(near, i)) {
+        if (CR_SCALAR && !has_lane(near, i)) {
             continue;
         }
         const part p = part_below(c, i, n, height_m[i]);
@@ -244,15 +246,11 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
 }
 
 /* All lanes over one curved surface: as one, to the sides by the mean of their normals. */
-static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface, const cr_lookup *at,
-                        const cr_lanes3 *g, cr_way_layers *out) {
-    cr_way_layer *layer = layer_of(out, surface, CR_WAY_SIDES, surface & ~CR_WAY_CURVED);
+static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *at, const cr_lanes3 *g,
+                        cr_way_layers *out, cr_way_layer *layer) {
     float deep = 0.0f, apart2 = 0.0f;
-    if (layer == NULL) {
-        return;
-    }
     for (int i = 0; i < CR_LANES; i++) {
-        if (skip_lane(out->near, i)) {
+        if (CR_SCALAR && !has_lane(out->near, i)) {
             continue;
         }
         const cr_vec3 n = v3(g->x[i], g->y[i], g->z[i]);
@@ -269,22 +267,28 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, uint32_t
     out->reach.spread = max_f(out->reach.spread, sqrtf(apart2));
 }
 
-static void fill_common(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                        uint32_t surface, const cr_lookup *at, const cr_lanes3 *g, cr_way_layers *out) {
-    if ((surface & CR_WAY_CURVED) != 0u) {
-        fill_curved(c, lanes, surface, at, g, out);
-        return;
-    }
-    const struct cr_img_facet *facet = &f->scene->facets[surface];
+/* All lanes over one facet that is not curved. */
+static void fill_facet(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                       uint32_t index, cr_way_layers *out, cr_way_layer *floor) {
+    const struct cr_img_facet *facet = &f->scene->facets[index];
     const cr_vec3 n = xform_unrotate(pose, v3_from(facet->normal));
     const float offset = v3_dot(v3_from(facet->normal), pose->t) - facet->offset_m;
     float height_m[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
         height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
     }
-    cr_way_layer *floor = layer_of(out, surface, 0u, facet->patch);
-    if (floor != NULL) {
-        fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
+    fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
+}
+
+static void fill_common(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                        uint32_t surface, const cr_lookup *at, const cr_lanes3 *g, cr_way_layers *out) {
+    const int curved = (surface & CR_WAY_CURVED) != 0u;
+    const uint32_t patch = curved ? surface & ~CR_WAY_CURVED : f->scene->facets[surface].patch;
+    cr_way_layer *layer = layer_of(out, surface, curved ? CR_WAY_SIDES : 0u, patch);
+    if (layer != NULL && curved) {
+        fill_curved(c, lanes, at, g, out, layer);
+    } else if (layer != NULL) {
+        fill_facet(f, pose, c, lanes, surface, out, layer);
     }
 }
 
@@ -372,3 +376,5 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
                        coverage[i], out);
     }
 }
+
+#endif

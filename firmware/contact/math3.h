@@ -39,8 +39,8 @@ static inline int take_lane(uint32_t *lanes) {
     return lane;
 }
 
-/* In a loop over lanes: may this one be left out? One that is not asked for, where lanes cost one by one; with vectors leaving out costs more. */
-static inline int skip_lane(uint32_t lanes, int i) { return CR_SCALAR && ((lanes >> i) & 1u) == 0u; }
+/* Loops over lanes leave out those not asked for where lanes cost one by one (CR_SCALAR); with vectors leaving out costs more. */
+static inline int has_lane(uint32_t lanes, int i) { return (int)((lanes >> i) & 1u); }
 
 static inline uint32_t count_lanes(uint32_t lanes) {
     uint32_t count = 0u;

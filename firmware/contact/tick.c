@@ -39,7 +39,9 @@ struct cr_world {
     cr_contact_set set;
     union { /* by response */
         cr_area_set areas;
+#if CR_WAY_OUT
         cr_way_work way;
+#endif
     };
 };
 
@@ -53,8 +55,9 @@ static int in_range(float v, float low, float high) { return v >= low && v <= hi
 static int config_is_valid(const cr_config *c) {
     return in_range(c->stiffness_N_m, 0.0f, 1e6f) && in_range(c->damping_Ns_m, 0.0f, 1e4f) &&
            in_range(c->force_max_N, 1e-6f, 1e6f) && c->response < CR_RESPONSE_COUNT &&
-           c->coverage <= CR_COVERAGE_HARD && (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u &&
-           c->lookups_max >= LOOKUPS_LEAST && c->lookups_max <= LOOKUPS_MOST;
+           (CR_WAY_OUT || c->response != CR_RESPONSE_WAY_OUT) && c->coverage <= CR_COVERAGE_HARD &&
+           (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u && c->lookups_max >= LOOKUPS_LEAST &&
+           c->lookups_max <= LOOKUPS_MOST;
 }
 
 static size_t round_up(size_t n) { return (n + CR_IMG_ALIGN - 1u) / CR_IMG_ALIGN * CR_IMG_ALIGN; }
@@ -237,6 +240,17 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     out->faults = w->faults;
 }
 
+/* The response of the settings: areas, without force yet. */
+static uint32_t respond(cr_world *w, const cr_respond_input *in, cr_output *out) {
+#if CR_WAY_OUT
+    if (w->config.response == CR_RESPONSE_WAY_OUT) {
+        return cr_way_answer(in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
+    }
+#endif
+    cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
+    return cr_respond(in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
+}
+
 /* Areas of the contact that was found, at the pose it was searched at; kept for ticks that come before the next answer. */
 static void answer_found(cr_world *w, const xform *at, cr_output *out) {
     cr_respond_input in = {.field = &w->field, .world_from_tool = at, .set = &w->set, .config = &w->config};
@@ -244,12 +258,7 @@ static void answer_found(cr_world *w, const xform *at, cr_output *out) {
     w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
     in.proxy = &w->proxy;
 #endif
-    if (w->config.response == CR_RESPONSE_WAY_OUT) {
-        out->area_count = cr_way_answer(&in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
-    } else {
-        cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
-        out->area_count = cr_respond(&in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
-    }
+    out->area_count = respond(w, &in, out);
     for (uint32_t i = 0; i < out->area_count; i++) {
         const cr_area *a = &out->areas[i];
         w->held[i] = (held_area){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};

@@ -6,7 +6,7 @@ INCLUDEDIR ?= $(PREFIX)/include
 BINDIR ?= $(PREFIX)/bin
 MANDIR ?= $(PREFIX)/share/man
 DATADIR ?= $(PREFIX)/share/crease
-DESTDIR ?=
+DESTDIR ?= $(if $(QUICK),$(OUT)/install)
 
 PACKAGE := firmware/package
 INSTALLED := build/install

@@ -1,7 +1,7 @@
 """Golden replays of the response way_out: no figure may get worse than tests/golden/bounds_way_out.csv says.
 
-The exact tables in tests/golden/exact_new hold the way out and its moment on exact geometry: tests/golden/gen/way_out.py,
-which shares nothing with the firmware. To refresh the bounds: as in test_golden.py, with this file's name.
+The exact tables in tests/golden/exact_new hold the way out and its moment on exact geometry: the program that makes
+them, tests/golden/gen/way_out.py, shares nothing with the firmware. To refresh the bounds: as in test_golden.py.
 """
 
 from __future__ import annotations

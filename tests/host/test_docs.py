@@ -103,5 +103,5 @@ def test_a_folder_of_other_things_is_left_alone(
 def test_the_texts_of_the_repository_are_pages_with_their_pictures(docs: Path) -> None:
     assert (docs / "firmware/corner.png").exists()
     assert "Stable haptic contact" in text_of(docs / "README.html")
-    assert 'id="late-answers"' in (docs / "firmware/DESIGN.html").read_text("utf-8")
+    assert 'id="late-answers"' in (docs / "firmware/contact/DESIGN.html").read_text("utf-8")
     assert "index.html" in (docs / "index.html").read_text("utf-8")

@@ -132,6 +132,43 @@ static void zones_gathered_in_pieces_are_the_same_to_the_bit(void **state) {
     free(motion.wake_m);
 }
 
+/* A tool of some 1,700 clusters, all over the surface: more than fit into a tick, and more than a search may take ticks for. */
+static void what_a_search_cannot_see_in_its_time_is_left_out(void **state) {
+    (void)state;
+    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {60e-3, 60e-3, 2e-3};
+    crt_tool slab = crt_tool_new(1e-3);
+    crt_rig rig;
+    cr_motion motion;
+    memset(&motion, 0, sizeof motion);
+    crt_add_box(&slab, centre, half);
+    const crt_solid block = crt_box(-80e-3, 80e-3, 80e-3, -20e-3, 0.0);
+    crt_open(&rig, &block, &slab, 4e-3, NULL);
+    motion.wake_count = rig.scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    const cr_pose pose = crt_pose(0.0, 0.0, 0.5e-3);
+    const xform at = xform_from_pose(&pose);
+    for (uint32_t way = 0u; way < 2u; way++) {
+        const cr_detect_options all = {0u, CR_COVERAGE_SOFT, UINT32_MAX, way},
+                                few = {0u, CR_COVERAGE_SOFT, LOOKUPS, way};
+        cr_search search;
+        cr_stats stats;
+        memset(&search, 0, sizeof search);
+        memset(&stats, 0, sizeof stats);
+        cr_motion_advance(&motion, &pose);
+        assert_int_equal(cr_detect(&rig.field, &at, &all, &motion, &search, &whole, &stats), 1);
+        assert_true(stats.clusters_dropped > 0u && whole.hit_count == CR_CLUSTERS_MAX);
+        memset(&search, 0, sizeof search);
+        memset(&stats, 0, sizeof stats);
+        while (!cr_detect(&rig.field, &at, &few, &motion, &search, &pieces, &stats)) {
+        }
+        assert_int_equal(search.calls, CR_SEARCH_TICKS_MAX);
+        assert_true(stats.clusters_dropped > 0u && pieces.hit_count > 0u);
+    }
+    free(motion.wake_m);
+    crt_close(&rig);
+    crt_tool_free(&slab);
+}
+
 /* Straight into a flat wall the plane is the wall's: carried along, the depth is that of the pose at hand. */
 static void late_force_of_a_wall_is_that_of_the_pose(void **state) {
     (void)state;
@@ -238,6 +275,7 @@ static void late_settings_begin_the_search_anew(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(search_in_pieces_finds_the_same_to_the_bit),
+        cmocka_unit_test(what_a_search_cannot_see_in_its_time_is_left_out),
         cmocka_unit_test(zones_gathered_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),
         cmocka_unit_test(late_force_ends_where_the_tool_leaves),

@@ -181,11 +181,39 @@ static void tick_over_planes_feels_what_lookups_feel(void **state) {
     }
 }
 
+/* A cube that hovers closer than its creases fade in over: they run along the face, above it from end to end, and give no depth. */
+static void crease_along_a_face_is_outside_as_a_whole(void **state) {
+    (void)state;
+    crt_rig rig;
+    const crt_solid box = crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0);
+    open_cube_on(&rig, &box);
+    crt_mark_planes(&rig);
+    for (double gap = 2e-6; gap < 60e-6; gap += 3e-6) {
+        static cr_output out;
+        cr_pose pose = crt_pose(-CENTRE[0] - HALF[0] + 4e-3, 0.0, HALF[2] - CENTRE[2] + gap);
+        cr_tick(rig.world, &pose, 1e-3f, &out);
+        assert_true(v3_norm(out.force_world_N) == 0.0f);
+    }
+    /* Turned about the edge: creases of the tool run along that of the box, beside it and into it. */
+    uint64_t seed = 5u;
+    for (int i = 0; i < 3000; i++) {
+        static cr_output out;
+        const cr_config config = cr_config_default();
+        cr_pose pose = crt_pose(crt_uniform(&seed, -14e-3, 14e-3), 0.0, crt_uniform(&seed, -10e-3, 10e-3));
+        pose.rot = crt_turn(0.0, 1.0, 0.0, crt_uniform(&seed, -3.0, 3.0));
+        cr_tick(rig.world, &pose, 1e-3f, &out);
+        assert_true(crt_is_sound(&out, &config));
+        assert_true(fabsf(out.force_world_N.y) < 0.02f * v3_norm(out.force_world_N) + 1e-3f);
+    }
+    crt_close(&rig);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(planes_give_the_distance_of_a_solid_from_both_sides),
         cmocka_unit_test(planes_hold_only_where_all_bricks_of_the_box_have_them),
         cmocka_unit_test(planes_that_do_not_matter_are_left_out),
+        cmocka_unit_test(crease_along_a_face_is_outside_as_a_whole),
         cmocka_unit_test(tick_over_planes_feels_what_lookups_feel),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -548,8 +548,14 @@ static void scene_error_texts_are_all_there(void **state) {
     assert_string_equal(cr_err_text((cr_err)-99), "unknown error");
 }
 
+static void library_knows_its_version(void **state) {
+    (void)state;
+    assert_int_equal(cr_version(), CR_VERSION);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(library_knows_its_version),
         cmocka_unit_test(scene_opens_a_valid_image),
         cmocka_unit_test(scene_takes_a_tool_as_large_as_a_hall),
         cmocka_unit_test(scene_takes_memory_longer_than_the_image),

@@ -1,0 +1,418 @@
+/* The response way_out: what it pushes with leads out, and just out, at walls, edges and corners, for tools of any number of pieces. */
+#include "contact/way_out.h"
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define VOXEL_M 2e-3
+#define HALF_M 8e-3
+#define PERIOD_S 1e-3f
+#define STIFFNESS_N_m 1000.0
+#define MICRO_N 1e-6
+
+static cr_config way_out(void) {
+    cr_config c = cr_config_default();
+    c.response = CR_RESPONSE_WAY_OUT;
+    return c;
+}
+
+static void open_with(crt_rig *rig, const crt_solid *solid, const crt_tool *tool) {
+    const cr_config config = way_out();
+    crt_open(rig, solid, tool, VOXEL_M, &config);
+}
+
+static void open_cube(crt_rig *rig, const crt_solid *solid) {
+    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {HALF_M, HALF_M, HALF_M};
+    crt_tool tool = crt_tool_new(1e-3);
+    crt_add_box(&tool, centre, half);
+    open_with(rig, solid, &tool);
+    crt_tool_free(&tool);
+}
+
+static cr_output tick(crt_rig *rig, const cr_pose *pose) {
+    static cr_output out;
+    const cr_config config = way_out();
+    memset(&out, 0xa5, sizeof out);
+    cr_tick(rig->world, pose, PERIOD_S, &out);
+    assert_true(crt_is_sound(&out, &config));
+    return out;
+}
+
+static void assert_force(const cr_output *out, double x, double y, double z, double room_N) {
+    const cr_vec3 f = out->force_world_N;
+    if (!(fabs((double)f.x - x) < room_N && fabs((double)f.y - y) < room_N && fabs((double)f.z - z) < room_N)) {
+        fail_msg("(%g, %g, %g) N instead of (%g, %g, %g)", (double)f.x, (double)f.y, (double)f.z, x, y, z);
+    }
+}
+
+/* Flat on a face: stiffness times depth, no torque about the middle, and the display pose just touches. */
+static void wall_pushes_by_its_depth(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    open_cube(&rig, &block);
+    for (int marked = 0; marked < 2; marked++) {
+        for (double depth = 0.2e-3; depth < 6e-3; depth += 0.7e-3) {
+            const cr_pose pose = crt_pose(1e-3, -2e-3, HALF_M - depth);
+            const cr_output out = tick(&rig, &pose);
+            assert_force(&out, 0.0, 0.0, STIFFNESS_N_m * depth, 2e-3);
+            assert_int_equal(out.area_count, 1);
+            assert_true(out.areas[0].zone_count >= 1u && out.areas[0].zones[0].normal_world.z > 0.999f);
+            assert_true(v3_norm(out.torque_world_Nm) < 1e-5f);
+            assert_true(fabsf(out.display_pose.pos_m.z - (float)HALF_M) < 5e-6f);
+        }
+        crt_mark_planes(&rig);
+        assert_int_equal(cr_scene_open(&rig.scene, rig.image, rig.size_bytes), CR_OK);
+        const cr_config config = way_out();
+        crt_restart(&rig, &config);
+    }
+    crt_close(&rig);
+}
+
+/* Pushed over an edge: the force of the face, while over half of the block lies on it. The zones double it. */
+static void face_pushes_the_same_while_an_edge_comes_under_it(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    open_cube(&rig, &block);
+    for (double x = -20e-3; x < -1e-3; x += 0.37e-3) {
+        const cr_pose pose = crt_pose(x, 0.0, HALF_M - 1e-3);
+        const cr_output out = tick(&rig, &pose);
+        assert_force(&out, 0.0, 0.0, 1.0, 0.1);
+        assert_true(fabs((double)v3_norm(out.force_world_N) - 1.0) < 0.02);
+    }
+    crt_close(&rig);
+}
+
+/* Walls that meet concavely push each by its own depth. */
+static void walls_of_a_corner_are_independent(void **state) {
+    (void)state;
+    const crt_solid room = crt_room(-30e-3, 20e-3, 30e-3, -30e-3, 20e-3);
+    crt_rig rig;
+    open_cube(&rig, &room);
+    for (int i = 0; i < 8; i++) {
+        const double a = 0.3e-3 + 0.2e-3 * i, b = 1.9e-3 - 0.2e-3 * i;
+        const cr_pose pose = crt_pose(20e-3 - HALF_M + a, 0.0, 20e-3 - HALF_M + b);
+        const cr_output out = tick(&rig, &pose);
+        assert_force(&out, -STIFFNESS_N_m * a, 0.0, -STIFFNESS_N_m * b, 0.03);
+    }
+    crt_close(&rig);
+}
+
+/* Two jaws that clamp a block with unequal depths: the difference is felt. */
+static void jaws_feel_the_difference(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-10e-3, 10e-3, 40e-3, -40e-3, 0.0);
+    const double half[3] = {4e-3, 4e-3, 4e-3}, left[3] = {-13e-3, 0.0, 0.0}, right[3] = {12.9e-3, 0.0, 0.0};
+    crt_tool jaws = crt_tool_new(1e-3);
+    crt_rig rig;
+    crt_add_box(&jaws, left, half);
+    crt_add_box(&jaws, right, half);
+    open_with(&rig, &block, &jaws);
+    /* The image is by hand: its clusters up to the middle are of the left jaw. */
+    struct cr_img_cluster *c = crt_section(rig.image, CR_SEC_CLUSTERS);
+    ((struct cr_img_meta *)crt_section(rig.image, CR_SEC_META))->piece_count = 2u;
+    for (uint32_t i = 0; i < rig.scene.cluster_count; i++) {
+        c[i].piece[0] = (uint16_t)(c[i].x[0] >= 0.0f);
+    }
+    crt_seal(rig.image);
+    assert_int_equal(cr_scene_open(&rig.scene, rig.image, rig.size_bytes), CR_OK);
+    const cr_config config = way_out();
+    crt_restart(&rig, &config);
+    const cr_pose pose = crt_pose(0.0, 0.0, -20e-3);
+    const cr_output out = tick(&rig, &pose);
+    assert_force(&out, 0.1, 0.0, 0.0, 0.02); /* 1.0 and 1.1 mm */
+    assert_int_equal(out.area_count, 2);
+    crt_close(&rig);
+    crt_tool_free(&jaws);
+}
+
+/* A ball on a ball: along their middles, as deep as they overlap, where they touch. */
+static void balls_push_along_their_middles(void **state) {
+    (void)state;
+    const double ball_m = 12e-3, tool_m = 9e-3;
+    const crt_solid ball = crt_ball(ball_m);
+    crt_tool tool = crt_tool_new(1e-3);
+    crt_rig rig;
+    crt_add_ball(&tool, tool_m);
+    open_with(&rig, &ball, &tool);
+    uint64_t seed = 11u;
+    for (int i = 0; i < 60; i++) {
+        const double depth = crt_uniform(&seed, 0.3e-3, 2e-3), far = ball_m + tool_m - depth;
+        double way[3], length = 0.0;
+        for (int a = 0; a < 3; a++) {
+            way[a] = crt_uniform(&seed, -1.0, 1.0);
+            length += way[a] * way[a];
+        }
+        length = sqrt(length);
+        const cr_pose pose = crt_pose(far * way[0] / length, far * way[1] / length, far * way[2] / length);
+        const cr_output out = tick(&rig, &pose);
+        const double force = STIFFNESS_N_m * depth / length;
+        assert_force(&out, force * way[0], force * way[1], force * way[2], 0.15);
+    }
+    crt_close(&rig);
+    crt_tool_free(&tool);
+}
+
+/* Change the image and open it again with other settings. */
+static void reopen(crt_rig *rig, const cr_config *config) {
+    crt_seal(rig->image);
+    assert_int_equal(cr_scene_open(&rig->scene, rig->image, rig->size_bytes), CR_OK);
+    crt_restart(rig, config);
+}
+
+/* No pose of any scene gives anything but a finite wrench that does not pull, and nothing without overlap. */
+static void press_anyhow(crt_rig *rig, const crt_solid *solid, double reach_m, uint64_t seed) {
+    for (int i = 0; i < 150; i++) {
+        cr_pose pose = crt_pose(crt_uniform(&seed, -reach_m, reach_m), crt_uniform(&seed, -reach_m, reach_m),
+                                crt_uniform(&seed, -reach_m, reach_m));
+        if (i % 3 != 0) {
+            pose.rot = crt_random_rotation(&seed);
+        }
+        const cr_output out = tick(rig, &pose);
+        for (uint32_t a = 0; a < out.area_count; a++) {
+            assert_true(out.areas[a].depth_m > 0.0f || out.stats.late_ticks > 0u);
+            assert_true(v3_dot(out.areas[a].force_world_N, out.areas[a].normal_world) >= 0.0f);
+        }
+        const double p[3] = {(double)pose.pos_m.x, (double)pose.pos_m.y, (double)pose.pos_m.z};
+        if (out.stats.late_ticks == 0u && crt_distance(solid, p) > sqrt(3.0) * HALF_M + 1e-3) {
+            assert_true(v3_norm(out.force_world_N) == 0.0f);
+        }
+    }
+}
+
+static void any_pose_of_any_scene_is_answered(void **state) {
+    (void)state;
+    const crt_solid solids[] = {crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0),
+                                crt_wedge(1.0, 40e-3, 30e-3),
+                                crt_wedge(0.4, 40e-3, 6e-3),
+                                crt_room(-24e-3, 20e-3, 24e-3, -24e-3, 20e-3),
+                                crt_box(-3e-3, 3e-3, 40e-3, -40e-3, 0.0),
+                                crt_ball(15e-3)};
+    for (size_t s = 0; s < sizeof solids / sizeof *solids; s++) {
+        crt_rig rig;
+        cr_config config = way_out();
+        open_cube(&rig, &solids[s]);
+        press_anyhow(&rig, &solids[s], 24e-3, 3u + s);
+        config.lookups_max = 40u;
+        crt_restart(&rig, &config);
+        press_anyhow(&rig, &solids[s], 24e-3, 13u + s);
+        config = way_out();
+        config.coverage = CR_COVERAGE_HARD;
+        crt_restart(&rig, &config);
+        press_anyhow(&rig, &solids[s], 24e-3, 23u + s);
+        config = way_out();
+        if (solids[s].ball_m <= 0.0) {
+            crt_mark_planes(&rig);
+            reopen(&rig, &config);
+            press_anyhow(&rig, &solids[s], 24e-3, 33u + s);
+        }
+        crt_close(&rig);
+    }
+}
+
+/* Creases whose labels say nothing, or both: how the surfaces lie to each other tells. */
+static void surfaces_without_labels_go_by_where_they_lie(void **state) {
+    (void)state;
+    const crt_solid edge = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0),
+                    room = crt_room(-30e-3, 20e-3, 30e-3, -30e-3, 20e-3);
+    const cr_config config = way_out();
+    const cr_pose over = crt_pose(-4e-3, 0.0, HALF_M - 1e-3),
+                  in = crt_pose(20e-3 - HALF_M + 1e-3, 0.0, 20e-3 - HALF_M + 0.7e-3);
+    for (int which = 0; which < 2; which++) {
+        crt_rig rig;
+        open_cube(&rig, which == 0 ? &edge : &room);
+        struct cr_img_pair *pair = crt_section(rig.image, CR_SEC_PAIRS);
+        for (uint32_t i = 0; i < rig.scene.pair_count; i++) {
+            pair[i].label = CR_PAIR_CONVEX | CR_PAIR_CONCAVE;
+        }
+        reopen(&rig, &config);
+        const cr_output out = tick(&rig, which == 0 ? &over : &in);
+        if (which == 0) {
+            assert_force(&out, 0.0, 0.0, 1.0, 0.1);
+        } else {
+            assert_force(&out, -1.0, 0.0, -0.7, 0.05);
+        }
+        crt_close(&rig);
+    }
+}
+
+/* Cells of several facets whose planes do not give the distance: each sample counts for those that explain it. */
+static void mixed_cells_answer_as_their_planes_do(void **state) {
+    (void)state;
+    const crt_solid solids[] = {crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0), crt_wedge(1.0, 40e-3, 30e-3)};
+    for (size_t s = 0; s < 2u; s++) {
+        const cr_config config = way_out();
+        crt_rig planes, mixed;
+        open_cube(&planes, &solids[s]);
+        open_cube(&mixed, &solids[s]);
+        struct cr_img_kind *kind = crt_section(mixed.image, CR_SEC_KINDS);
+        struct cr_img_brick *brick = crt_section(mixed.image, CR_SEC_BRICKS);
+        for (uint32_t i = 0; i < mixed.scene.kind_count; i++) {
+            kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
+        }
+        for (uint32_t i = 0; i < mixed.scene.brick_count; i++) {
+            brick[i].creased = 0u;
+            brick[i].planes = 0u;
+        }
+        reopen(&mixed, &config);
+        press_anyhow(&mixed, &solids[s], 20e-3, 5u);
+        const cr_pose over = crt_pose(-4e-3, 0.0, HALF_M - 1e-3);
+        if (s == 0u) {
+            const cr_output a = tick(&planes, &over), b = tick(&mixed, &over);
+            assert_true(v3_norm(v3_sub(a.force_world_N, b.force_world_N)) < 0.1f);
+        }
+        crt_close(&planes);
+        crt_close(&mixed);
+    }
+}
+
+/* More pieces of the tool than there is room for zones: what has none is counted, the rest answers. */
+static void zones_beyond_their_room_are_counted(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    const cr_config config = way_out();
+    crt_rig rig;
+    open_cube(&rig, &block);
+    struct cr_img_cluster *c = crt_section(rig.image, CR_SEC_CLUSTERS);
+    ((struct cr_img_meta *)crt_section(rig.image, CR_SEC_META))->piece_count = rig.scene.cluster_count;
+    for (uint32_t i = 0; i < rig.scene.cluster_count; i++) {
+        c[i].piece[0] = (uint16_t)i;
+        c[i].piece[1] = i > 0u ? (uint16_t)(i - 1u) : CR_PIECE_NONE;
+        c[i].piece_lanes[1] = i > 0u ? 1u : 0u;
+    }
+    reopen(&rig, &config);
+    const cr_pose pose = crt_pose(-3e-3, 0.0, HALF_M - 1e-3);
+    const cr_output out = tick(&rig, &pose);
+    assert_true(out.stats.zones_dropped > 0u);
+    assert_true(fabs((double)out.force_world_N.z - 1.0) < 0.1);
+    press_anyhow(&rig, &block, 20e-3, 6u);
+    crt_close(&rig);
+}
+
+/* Facets that stand for curved surfaces, in cells of several, and bricks that know no surface: by sides of the distance's direction. */
+static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
+    (void)state;
+    const crt_solid solids[] = {crt_box(-12e-3, 12e-3, 12e-3, -12e-3, 12e-3), crt_ball(18e-3)};
+    for (size_t s = 0; s < 2u; s++) {
+        const cr_config config = way_out();
+        crt_rig rig;
+        open_cube(&rig, &solids[s]);
+        struct cr_img_kind *kind = crt_section(rig.image, CR_SEC_KINDS);
+        struct cr_img_brick *brick = crt_section(rig.image, CR_SEC_BRICKS);
+        struct cr_img_facet *facet = crt_section(rig.image, CR_SEC_FACETS);
+        for (uint32_t i = 0; i < rig.scene.kind_count; i++) {
+            kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
+        }
+        for (uint32_t i = 0; i < rig.scene.facet_count; i++) {
+            facet[i].curved = 1u;
+        }
+        for (uint32_t i = 0; i < rig.scene.brick_count; i++) {
+            brick[i].creased = 0u;
+            brick[i].planes = 0u;
+            brick[i].kind = i % 3u == 0u && brick[i].cells == CR_CELLS_NONE ? 0u : brick[i].kind;
+        }
+        reopen(&rig, &config);
+        press_anyhow(&rig, &solids[s], 22e-3, 8u);
+        const cr_pose flat = crt_pose(0.0, 0.0, 12e-3 + HALF_M - 1e-3);
+        if (s == 0u) {
+            const cr_output out = tick(&rig, &flat);
+            assert_true(fabs((double)out.force_world_N.z - 1.0) < 0.1);
+        }
+        crt_close(&rig);
+    }
+}
+
+/* Two walls and room for one contact: the other is counted. */
+static void contacts_beyond_their_room_are_counted(void **state) {
+    (void)state;
+    static cr_contact_set set;
+    static cr_way_work work;
+    static cr_area areas[2];
+    const crt_solid room = crt_room(-30e-3, 20e-3, 30e-3, -30e-3, 20e-3);
+    const cr_config config = way_out();
+    const cr_pose pose = crt_pose(20e-3 - HALF_M + 1e-3, 0.0, 20e-3 - HALF_M + 0.7e-3);
+    const xform at = xform_from_pose(&pose);
+    const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, UINT32_MAX, 1u};
+    cr_search search = {0};
+    cr_motion motion = {0};
+    cr_stats stats = {0};
+    crt_rig rig;
+    open_cube(&rig, &room);
+    motion.wake_count = rig.scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    cr_motion_advance(&motion, &pose);
+    assert_int_equal(cr_detect(&rig.field, &at, &options, &motion, &search, &set, &stats), 1);
+    const cr_respond_input in = {.field = &rig.field, .world_from_tool = &at, .set = &set, .config = &config};
+    assert_int_equal(cr_way_answer(&in, &work, areas, 2u, &stats), 2);
+    assert_int_equal(stats.areas_merged, 0);
+    assert_int_equal(cr_way_answer(&in, &work, areas, 1u, &stats), 1);
+    assert_int_equal(stats.areas_merged, 1);
+    free(motion.wake_m);
+    crt_close(&rig);
+}
+
+/* Of planes that are the same twice, and of one alone, the way is that of one. */
+static void exits_that_are_the_same_are_one(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    cr_way_exits e;
+    open_cube(&rig, &block);
+    const struct cr_img_cluster *c = rig.scene.clusters;
+    e.count = 3u;
+    for (uint32_t k = 0; k < e.count; k++) {
+        e.normal[k] = v3(0.0f, 0.0f, 1.0f);
+        e.height_m[k] = -1e-3f;
+        e.leaves[k] = 1.0f;
+    }
+    for (int i = 0; i < (int)c->count; i++) {
+        const float three = cr_way_longest(c, i, &e);
+        e.count = 1u;
+        assert_true(cr_way_longest(c, i, &e) == three);
+        e.count = 3u;
+    }
+    e.count = 0u;
+    assert_true(cr_way_longest(c, 0, &e) == 0.0f);
+    crt_close(&rig);
+}
+
+/* Contacts that push one against another, or share a wall: no more than their own depth each. */
+static void resolve_pushes_no_contact_beyond_its_depth(void **state) {
+    (void)state;
+    const float slope = sqrtf(0.5f);
+    const cr_vec3 up = v3(0.0f, 0.0f, 1.0f), down = v3(0.0f, 0.0f, -1.0f), side = v3(1.0f, 0.0f, 0.0f),
+                  between = v3(slope, 0.0f, slope);
+    float push[3];
+    cr_way_resolve((cr_vec3[]){up, up}, (float[]){1e-3f, 1e-3f}, 2u, push); /* one wall in two: one push */
+    assert_true(fabsf(push[0] + push[1] - 1e-3f) < (float)MICRO_N);
+    cr_way_resolve((cr_vec3[]){up, down}, (float[]){1.2e-3f, 1e-3f}, 2u, push);
+    assert_true(push[0] == 1.2e-3f && push[1] == 1e-3f);
+    cr_way_resolve((cr_vec3[]){up, side, between}, (float[]){1e-3f, 2e-3f, 1e-3f}, 3u, push);
+    assert_true(push[0] == 1e-3f && push[1] == 2e-3f && push[2] == 0.0f); /* led out of by the two already */
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(wall_pushes_by_its_depth),
+        cmocka_unit_test(face_pushes_the_same_while_an_edge_comes_under_it),
+        cmocka_unit_test(walls_of_a_corner_are_independent),
+        cmocka_unit_test(jaws_feel_the_difference),
+        cmocka_unit_test(balls_push_along_their_middles),
+        cmocka_unit_test(any_pose_of_any_scene_is_answered),
+        cmocka_unit_test(surfaces_without_labels_go_by_where_they_lie),
+        cmocka_unit_test(mixed_cells_answer_as_their_planes_do),
+        cmocka_unit_test(zones_beyond_their_room_are_counted),
+        cmocka_unit_test(curved_and_unknown_surfaces_answer_by_sides),
+        cmocka_unit_test(contacts_beyond_their_room_are_counted),
+        cmocka_unit_test(exits_that_are_the_same_are_one),
+        cmocka_unit_test(resolve_pushes_no_contact_beyond_its_depth),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
