@@ -100,7 +100,10 @@ def pieces_of_lanes(pieces: I64) -> tuple[I64, I64]:
     names, counts = np.unique(pieces[pieces != PIECE_NONE], return_counts=True)
     found = np.asarray([*names[np.lexsort((names, -counts))], PIECE_NONE][:2], np.int64)
     bits = 1 << np.arange(len(pieces))
-    lanes = [int(bits[(pieces == piece).any(axis=1)].sum()) if piece != PIECE_NONE else 0 for piece in found]
+    lanes = [
+        int(bits[(pieces == piece).any(axis=1)].sum()) if piece != PIECE_NONE else 0
+        for piece in found
+    ]
     lanes[0] |= int(bits.sum()) & ~lanes[1]
     return found, np.asarray(lanes, np.int64)
 
