@@ -287,7 +287,7 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 
 .PHONY: pictures
 pictures: build/.host build/scenes/.stamp ## pictures of firmware/contact/DESIGN.md, anew from replays
-	$(PY) tests/bench/pictures.py $(if $(QUICK),-o $(OUT)/pictures)
+	$(PY) tests/bench/pictures.py $(if $(QUICK),-o $(OUT)/pictures --only problem.png)
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py --figures $(OUT)/bench $(if $(QUICK),--scene edge90_cube --repeat 2)

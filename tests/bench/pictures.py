@@ -8,7 +8,7 @@ The same files on every run, up to the last bits of a bake on another processor.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -217,22 +217,24 @@ PICTURES: Mapping[str, Callable[[], Figure]] = {
 }
 
 
-def write_pictures(folder: Path) -> list[Path]:
-    """Every picture into a folder, made when it is missing; gives the files."""
+def write_pictures(folder: Path, names: Sequence[str] = tuple(PICTURES)) -> list[Path]:
+    """These pictures into a folder, made when it is missing; gives the files."""
     with mpl.rc_context(STYLE):
-        figures = {name: draw() for name, draw in PICTURES.items()}
+        figures = {name: PICTURES[name]() for name in names}
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
         with (folder / name).open("wb") as file:
             save_figure(figure, file, "png")
-    return [folder / name for name in PICTURES]
+    return [folder / name for name in names]
 
 
 def main() -> None:
     """Command line: see the top of the file."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
-    for file in write_pictures(parser.parse_args().output):
+    parser.add_argument("--only", choices=PICTURES, help="one of them")
+    args = parser.parse_args()
+    for file in write_pictures(args.output, [args.only] if args.only else tuple(PICTURES)):
         print(file)
 
 
