@@ -391,13 +391,9 @@ static void over_curved(const survey *s, spots *at, uint32_t surface, const cr_l
 
 /* Lanes over a facet that is not curved. */
 static void over_flat(const survey *s, spots *at, uint32_t index, const float *share) {
-    const struct cr_img_facet *facet = &s->in->field->scene->facets[index];
-    const struct cr_img_cluster *c = at->c;
-    const cr_vec3 n = xform_unrotate(s->in->world_from_tool, v3_from(facet->normal));
-    const float offset = v3_dot(v3_from(facet->normal), s->in->world_from_tool->t) - facet->offset_m;
     float height_m[CR_LANES], part[CR_LANES];
+    const cr_vec3 n = cr_way_heights(s->in->field->scene, s->in->world_from_tool, at->c, index, height_m);
     for (int i = 0; i < CR_LANES; i++) {
-        height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
         part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
     }
     at->planes[0] = (known){index, 0, n, height_m};

@@ -14,14 +14,6 @@ uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     return CR_WAY_NONE;
 }
 
-/* A facet that is not curved: its plane in the tool frame. */
-static void set_plane(const cr_scene *s, const xform *pose, cr_way_zone *z) {
-    const struct cr_img_facet *facet = &s->facets[z->key.surface];
-    z->flat = 1u;
-    z->plane_normal = xform_unrotate(pose, v3_from(facet->normal));
-    z->plane_offset_m = v3_dot(v3_from(facet->normal), pose->t) - facet->offset_m;
-}
-
 static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *zones, cr_way_key key, uint32_t patch) {
     static const cr_way_zone none = {0};
     const uint32_t found = cr_way_find(zones, key);
@@ -37,7 +29,8 @@ static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *
     z->key = key;
     z->patch = patch;
     if (key.surface < CR_WAY_CURVED) {
-        set_plane(s, pose, z);
+        z->flat = 1u;
+        z->plane_offset_m = cr_way_plane(s, pose, key.surface, &z->plane_normal);
     }
     return z;
 }
@@ -160,6 +153,9 @@ static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
     set->way.layers.count = 0u;
     set->way.layers.near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
     set->way.layers.reach = none;
+    for (int i = 0; i < CR_LANES; i++) {
+        set->way.layers.full_m[i] = 0.0f;
+    }
     return set->hits[hit].covered & used;
 }
 

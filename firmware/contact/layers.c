@@ -17,7 +17,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* A spread of normals of which nothing follows. */
 #define APART 3.0f
 
-/* The layer of a surface, made when missing; with the last one full, that. */
+/* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
     for (uint32_t k = 0; k < l->count; k++) {
         if (l->layers[k].surface == surface && l->layers[k].side == side) {
@@ -78,9 +78,8 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
             continue;
         }
         const part p = part_below(c, i, n, height_m[i]);
-        const float in = (float)((lanes >> i) & 1u);
-        out->depth_m[i] = in * p.depth_m;
-        out->coverage[i] = in * p.share;
+        out->depth_m[i] = has_lane(lanes, i) ? p.depth_m : out->depth_m[i]; /* others may be known from another cell */
+        out->coverage[i] = has_lane(lanes, i) ? p.share : out->coverage[i];
         deep = higher_f(deep, (float)((near >> i) & 1u) * p.deepest_m);
     }
     out->lanes |= lanes;
@@ -92,8 +91,8 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t 
     cr_way_layer *layer = depth_m > 0.0f ? layer_of(l, surface, side, patch) : NULL;
     if (layer != NULL) {
         layer->lanes |= 1u << i;
-        layer->depth_m[i] = depth_m;
-        layer->coverage[i] = coverage;
+        layer->depth_m[i] += depth_m;
+        layer->coverage[i] += coverage;
     }
 }
 
@@ -270,13 +269,8 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr
 /* All lanes over one facet that is not curved. */
 static void fill_facet(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
                        uint32_t index, cr_way_layers *out, cr_way_layer *floor) {
-    const struct cr_img_facet *facet = &f->scene->facets[index];
-    const cr_vec3 n = xform_unrotate(pose, v3_from(facet->normal));
-    const float offset = v3_dot(v3_from(facet->normal), pose->t) - facet->offset_m;
     float height_m[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
-    }
+    const cr_vec3 n = cr_way_heights(f->scene, pose, c, index, height_m);
     fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
 }
 
@@ -290,6 +284,22 @@ static void fill_common(const cr_field *f, const xform *pose, const struct cr_im
     } else if (layer != NULL) {
         fill_facet(f, pose, c, lanes, surface, out, layer);
     }
+}
+
+float cr_way_plane(const cr_scene *s, const xform *pose, uint32_t index, cr_vec3 *normal) {
+    const struct cr_img_facet *facet = &s->facets[index];
+    *normal = xform_unrotate(pose, v3_from(facet->normal));
+    return v3_dot(v3_from(facet->normal), pose->t) - facet->offset_m;
+}
+
+cr_vec3 cr_way_heights(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, uint32_t index,
+                       float *height_m) {
+    cr_vec3 n;
+    const float offset_m = cr_way_plane(s, pose, index, &n);
+    for (int i = 0; i < CR_LANES; i++) {
+        height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset_m;
+    }
+    return n;
 }
 
 void cr_way_normals(const xform *pose, const cr_lookup *at, cr_lanes3 *g) {

@@ -231,8 +231,8 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
     sum = v3_scale(sum, per_weight);
-    out->rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
-    const float sure = out->rules * min_f(1.0f, area / (SEEN_BY * spacing_m * spacing_m));
+    const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
+    const float sure = rules * min_f(1.0f, area / (SEEN_BY * spacing_m * spacing_m));
     const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, sure);
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));

@@ -58,6 +58,13 @@ uint32_t cr_way_common(const cr_field *field, const cr_lookup *at, uint32_t lane
 /* Purpose  of some lanes, those in cells of the same kind as the first. */
 uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes);
 
+/* Purpose  plane of a facet that is not curved, tool frame: height = normal . p + the result, m. */
+float cr_way_plane(const cr_scene *scene, const xform *world_from_tool, uint32_t facet, cr_vec3 *normal);
+
+/* Purpose  heights of a cluster's samples above it, m.   Shapes  height_m[CR_LANES].   Output  the normal. */
+cr_vec3 cr_way_heights(const cr_scene *scene, const xform *world_from_tool, const struct cr_img_cluster *cluster,
+                       uint32_t facet, float *height_m);
+
 /* Purpose  unit gradients in the tool frame, zero where there is none. */
 void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
 
@@ -87,7 +94,6 @@ typedef struct {
     float curved_m3; /* of the weight, that of curved zones */
     float deep_m;    /* of the deepest sample in its zones */
     float open;      /* 0..1: how far the zones have a direction */
-    float rules;     /* 0..1: how far they hold most of the weight */
     cr_vec3 arm_m;   /* torque about the tool origin of a unit force along normal */
     uint32_t bound_count;
     cr_way_bound bounds[CR_WAY_BOUNDS_MAX];

@@ -115,7 +115,7 @@ def draw_distance() -> Figure:
             1e3 * dx, 1e3 * dz, phi, [-0.5e-3, 0.0, 0.5e-3], colors=[BLACK], linewidths=0.9
         )
         axes.set_title(
-            f"{title}\nlargest error {error_um.max():.2g} um",
+            f"{title}\nlargest error {error_um.max():.3g} um",
             fontsize=9,
         )
         axes.set_aspect("equal")

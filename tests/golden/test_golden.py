@@ -18,6 +18,7 @@ import argparse
 import csv
 import math
 import sys
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -68,9 +69,9 @@ def figures(name: str) -> Accuracy:
     return measure(scene, path, exact, ReplayOptions(stiffness_N_m=spec.stiffness_N_m))
 
 
-def read_bounds() -> dict[tuple[str, str], float]:
+def read_bounds(path: Path = BOUNDS) -> dict[tuple[str, str], float]:
     """Bound of each (scene, measure)."""
-    with BOUNDS.open(encoding="utf-8", newline="") as file:
+    with path.open(encoding="utf-8", newline="") as file:
         return {(row["scene"], row["measure"]): float(row["bound"]) for row in csv.DictReader(file)}
 
 
@@ -86,14 +87,14 @@ def bound_of(measure: str, value: float) -> float:
     return float(f"{math.ceil(100.0 * value / size - 1e-9) * size / 100.0:.6g}")
 
 
-def write_bounds() -> None:
-    """Measure every scene and write the table."""
-    with BOUNDS.open("w", encoding="utf-8", newline="") as file:
+def write_bounds(path: Path, measured: Mapping[str, Accuracy]) -> None:
+    """The table of these scenes."""
+    with path.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
         out.writerow(("scene", "measure", "bound"))
-        for name in SPECS:
+        for name, accuracy in measured.items():
             for measure in MEASURES:
-                bound = bound_of(measure, float(getattr(figures(name), measure)))
+                bound = bound_of(measure, float(getattr(accuracy, measure)))
                 out.writerow((name, measure, f"{bound:g}"))
 
 
@@ -130,16 +131,16 @@ def test_replay_has_contact_to_speak_of(name: str) -> None:
     assert figures(name).ticks > 100
 
 
-def main() -> int:
-    """Command line: see the module."""
+def main(path: Path, of_scene: Callable[[str], Accuracy], names: Iterable[str]) -> int:
+    """Command line of a module of golden replays: --write measures and writes its table."""
     parser = argparse.ArgumentParser(description="Bounds of the golden replays.")
-    parser.add_argument("--write", action="store_true", help=f"measure and write {BOUNDS.name}")
+    parser.add_argument("--write", action="store_true", help=f"measure and write {path.name}")
     if not parser.parse_args().write:
         parser.error("nothing to do without --write; the tests are run by pytest")
-    write_bounds()
-    print(BOUNDS)
+    write_bounds(path, {name: of_scene(name) for name in names})
+    print(path)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(BOUNDS, figures, SPECS))

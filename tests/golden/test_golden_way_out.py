@@ -6,8 +6,6 @@ them, tests/golden/gen/way_out.py, shares nothing with the firmware. To refresh 
 
 from __future__ import annotations
 
-import argparse
-import csv
 import sys
 from functools import cache
 from pathlib import Path
@@ -45,47 +43,21 @@ def figures(name: str) -> Accuracy:
     return measure(scene, path, read_exact(EXACT / spec.exact), options)
 
 
-def read_bounds() -> dict[tuple[str, str], float]:
-    """Bound of each (scene, measure)."""
-    with BOUNDS.open(encoding="utf-8", newline="") as file:
-        return {(row["scene"], row["measure"]): float(row["bound"]) for row in csv.DictReader(file)}
-
-
-def write_bounds() -> None:
-    """Measure every scene and write the table."""
-    with BOUNDS.open("w", encoding="utf-8", newline="") as file:
-        out = csv.writer(file, lineterminator="\n")
-        out.writerow(("scene", "measure", "bound"))
-        for name in SPECS:
-            for each in golden.MEASURES:
-                bound = golden.bound_of(each, float(getattr(figures(name), each)))
-                out.writerow((name, each, f"{bound:g}"))
-
-
 @pytest.mark.parametrize("measure_name", golden.MEASURES)
 @pytest.mark.parametrize("name", SPECS)
 def test_figure_stays_within_its_bound(name: str, measure_name: str) -> None:
-    assert getattr(figures(name), measure_name) <= read_bounds()[name, measure_name]
+    assert getattr(figures(name), measure_name) <= golden.read_bounds(BOUNDS)[name, measure_name]
 
 
 def test_every_scene_with_an_exact_table_has_its_bounds() -> None:
-    assert set(read_bounds()) == {(name, each) for name in SPECS for each in golden.MEASURES}
+    assert set(golden.read_bounds(BOUNDS)) == {
+        (name, each) for name in SPECS for each in golden.MEASURES
+    }
 
 
 def test_every_exact_table_belongs_to_a_scene() -> None:
     assert {path.name for path in EXACT.iterdir()} == {spec.exact for spec in SPECS.values()}
 
 
-def main() -> int:
-    """Command line: see the module."""
-    parser = argparse.ArgumentParser(description="Bounds of the golden replays of way_out.")
-    parser.add_argument("--write", action="store_true", help=f"measure and write {BOUNDS.name}")
-    if not parser.parse_args().write:
-        parser.error("nothing to do without --write; the tests are run by pytest")
-    write_bounds()
-    print(BOUNDS)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(golden.main(BOUNDS, figures, SPECS))

@@ -243,6 +243,19 @@ static void surfaces_without_labels_go_by_where_they_lie(void **state) {
     }
 }
 
+/* Cells of several facets become mixed, and no brick has planes that hold in all of it. */
+static void forget_planes(crt_rig *rig) {
+    struct cr_img_kind *kind = crt_section(rig->image, CR_SEC_KINDS);
+    struct cr_img_brick *brick = crt_section(rig->image, CR_SEC_BRICKS);
+    for (uint32_t i = 0; i < rig->scene.kind_count; i++) {
+        kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
+    }
+    for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
+        brick[i].creased = 0u;
+        brick[i].planes = 0u;
+    }
+}
+
 /* Cells of several facets whose planes do not give the distance: each sample counts for those that explain it. */
 static void mixed_cells_answer_as_their_planes_do(void **state) {
     (void)state;
@@ -252,15 +265,7 @@ static void mixed_cells_answer_as_their_planes_do(void **state) {
         crt_rig planes, mixed;
         open_cube(&planes, &solids[s]);
         open_cube(&mixed, &solids[s]);
-        struct cr_img_kind *kind = crt_section(mixed.image, CR_SEC_KINDS);
-        struct cr_img_brick *brick = crt_section(mixed.image, CR_SEC_BRICKS);
-        for (uint32_t i = 0; i < mixed.scene.kind_count; i++) {
-            kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
-        }
-        for (uint32_t i = 0; i < mixed.scene.brick_count; i++) {
-            brick[i].creased = 0u;
-            brick[i].planes = 0u;
-        }
+        forget_planes(&mixed);
         reopen(&mixed, &config);
         press_anyhow(&mixed, &solids[s], 20e-3, 5u);
         const cr_pose over = crt_pose(-4e-3, 0.0, HALF_M - 1e-3);
@@ -304,18 +309,13 @@ static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
         const cr_config config = way_out();
         crt_rig rig;
         open_cube(&rig, &solids[s]);
-        struct cr_img_kind *kind = crt_section(rig.image, CR_SEC_KINDS);
         struct cr_img_brick *brick = crt_section(rig.image, CR_SEC_BRICKS);
         struct cr_img_facet *facet = crt_section(rig.image, CR_SEC_FACETS);
-        for (uint32_t i = 0; i < rig.scene.kind_count; i++) {
-            kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
-        }
+        forget_planes(&rig);
         for (uint32_t i = 0; i < rig.scene.facet_count; i++) {
             facet[i].curved = 1u;
         }
         for (uint32_t i = 0; i < rig.scene.brick_count; i++) {
-            brick[i].creased = 0u;
-            brick[i].planes = 0u;
             brick[i].kind = i % 3u == 0u && brick[i].cells == CR_CELLS_NONE ? 0u : brick[i].kind;
         }
         reopen(&rig, &config);
@@ -355,6 +355,34 @@ static void contacts_beyond_their_room_are_counted(void **state) {
     assert_int_equal(cr_way_answer(&in, &work, areas, 1u, &stats), 1);
     assert_int_equal(stats.areas_merged, 1);
     free(motion.wake_m);
+    crt_close(&rig);
+}
+
+/* Lanes of a cluster in two cells behind one wall: what the second cell says leaves what the first one said. */
+static void lanes_of_two_cells_behind_one_wall_all_count(void **state) {
+    (void)state;
+    static cr_way_layers layers;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    cr_planes wall = {.kind = 1u, .count = 1u, .normal_tool = {{0.0f, 0.0f, 1.0f}}};
+    cr_heights h;
+    crt_rig rig;
+    open_cube(&rig, &block);
+    const struct cr_img_cluster *c = rig.scene.clusters;
+    for (int way = 0; way < 2; way++) {
+        wall.sign = way == 0 ? 1.0f : -1.0f;
+        wall.offset_m[0] = way == 0 ? -0.1f : 0.1f; /* deep below the plane, or behind the wall */
+        cr_planes_measure(&wall, c, &h);
+        memset(&layers, 0, sizeof layers);
+        layers.near = 0xffffu;
+        layers.reach.bound_m = -1.0f;
+        cr_way_over_planes(&rig.scene, c, 0x00ffu, &wall, &h, &layers);
+        cr_way_over_planes(&rig.scene, c, 0xff00u, &wall, &h, &layers);
+        assert_int_equal(layers.count, 1);
+        assert_int_equal(layers.layers[0].lanes, 0xffff);
+        for (int i = 0; i < CR_LANES; i++) {
+            assert_true(layers.layers[0].depth_m[i] > 0.05f && layers.layers[0].coverage[i] == 1.0f);
+        }
+    }
     crt_close(&rig);
 }
 
@@ -411,6 +439,7 @@ int main(void) {
         cmocka_unit_test(zones_beyond_their_room_are_counted),
         cmocka_unit_test(curved_and_unknown_surfaces_answer_by_sides),
         cmocka_unit_test(contacts_beyond_their_room_are_counted),
+        cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),
         cmocka_unit_test(resolve_pushes_no_contact_beyond_its_depth),
     };

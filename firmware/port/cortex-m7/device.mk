@@ -23,7 +23,10 @@ CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
 
 define CORTEX_VARIANT
-build/$(1)/%.o: %.c
+build/$(1)/.flags: FORCE
+	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL)' >$$@
+
+build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
 	@echo "$(1): $$<"
 	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
