@@ -57,26 +57,46 @@ static void report(const cr_respond_input *in, const cr_way_relations *r, const 
     }
 }
 
-uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
-    const cr_way_zones *zones = &in->set->way;
-    cr_way_half *half = work->half;
-    cr_vec3 normal[CR_WAY_ZONES_MAX];
-    float depth[CR_WAY_ZONES_MAX], push[CR_WAY_ZONES_MAX];
-    uint32_t made = 0u;
-    const uint32_t count = cr_way_relate(in->field->scene, zones, &work->relations, half);
-    cr_way_measure(in, &work->relations, half);
-    for (uint32_t h = 0; h < count; h++) {
-        normal[h] = half[h].normal;
-        depth[h] = v3_dot(normal[h], normal[h]) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
-    }
-    cr_way_resolve(normal, depth, count, push);
-    for (uint32_t h = 0; h < count; h++) {
-        if (push[h] > 0.0f && made == room) {
-            stats->areas_merged++;
-        } else if (push[h] > 0.0f) {
-            report(in, &work->relations, &half[h], push[h], &out[made++]);
+/* Contact of each zone: that of its half-space, or where that does not push, of the one that pushes most along it. */
+static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr_way_half *half, const uint32_t *area,
+                        uint32_t count) {
+    for (uint32_t z = 0; z < zones->count; z++) {
+        const uint32_t mine = r->half_of[z];
+        float most = -3.0f;
+        zones->area_of[z] = area[mine];
+        for (uint32_t h = 0; h < count && area[mine] == CR_HIT_NONE; h++) {
+            const float along = v3_dot(half[mine].normal, half[h].normal);
+            if (area[h] != CR_HIT_NONE && along > most) {
+                most = along;
+                zones->area_of[z] = area[h];
+            }
         }
     }
+}
+
+uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
+    cr_way_zones *zones = &in->set->way;
+    cr_way_half *half = work->half;
+    uint32_t made = 0u;
+    const uint32_t count = cr_way_relate(in->field->scene, zones, &work->relations, half);
+    cr_way_measure(in, work);
+    for (uint32_t h = 0; h < count; h++) {
+        const cr_vec3 n = half[h].normal;
+        work->normal[h] = n;
+        work->depth_m[h] = v3_dot(n, n) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
+    }
+    cr_way_resolve(work->normal, work->depth_m, count, work->push_m);
+    for (uint32_t h = 0; h < count; h++) {
+        const float push_m = work->push_m[h];
+        work->area[h] = CR_HIT_NONE;
+        if (push_m > 0.0f && made == room) {
+            stats->areas_merged++;
+        } else if (push_m > 0.0f) {
+            work->area[h] = made;
+            report(in, &work->relations, &half[h], push_m, &out[made++]);
+        }
+    }
+    label_zones(zones, &work->relations, half, work->area, count);
     stats->zones_dropped += zones->dropped + zones->layers.dropped;
     return made;
 }

@@ -210,10 +210,6 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     hit->whole = 1u;
     hit->sum = w->scene->sums[cluster];
     w->set->contacts += w->scene->clusters[cluster].count;
-    if (CR_WAY_OUT && w->options->way) {
-        cr_way_add_whole(w->field, w->pose, w->set, w->set->hit_count - 1u);
-        return;
-    }
     if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
         cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
         touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
@@ -244,21 +240,8 @@ static uint32_t connected_lanes(const struct cr_img_cluster *c, uint32_t seed, u
     return found;
 }
 
-/* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
-typedef struct {
-    uint32_t cluster;
-    const struct cr_img_cluster *c;
-    const cr_lanes3 *world; /* looked up: the points and what was found at each */
-    const cr_lookup *at;
-    const cr_planes
-        *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
-    const cr_heights *heights;
-    const float *coverage; /* 0 where `covered` is not set */
-    uint32_t covered, full, inside, near;
-} looked;
-
 /* The one planar facet that all these lanes are over, or CR_FACET_NONE. */
-static uint32_t common_facet(const walk *w, const looked *l, uint32_t lanes) {
+static uint32_t common_facet(const walk *w, const cr_looked *l, uint32_t lanes) {
     const cr_scene *s = w->scene;
     uint32_t common = CR_FACET_NONE, plain = CR_TOP_FAR; /* plain: the last brick that has one kind for all of it */
     if ((lanes & l->at->from_facet) != 0u) {
@@ -304,7 +287,7 @@ static float reach_of_lane(const walk *w, const struct cr_img_cluster *c, int la
 }
 
 /* Lanes at or near the highest plane of which is plane k: those at less than their reach below. */
-static uint32_t lanes_at_plane(const walk *w, const looked *l, uint32_t k, uint32_t lanes) {
+static uint32_t lanes_at_plane(const walk *w, const cr_looked *l, uint32_t k, uint32_t lanes) {
     const float *height = l->heights->height_m[k], *top = l->heights->top_m;
     uint32_t at = 0u;
     while (lanes != 0u) {
@@ -315,7 +298,7 @@ static uint32_t lanes_at_plane(const walk *w, const looked *l, uint32_t k, uint3
 }
 
 /* Sums over lanes at a plane: the less of a lane the lower the plane lies below its highest. Its area vector faces that alone. */
-static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k, uint32_t lanes) {
+static struct cr_img_sum sum_at_plane(const walk *w, const cr_looked *l, uint32_t k, uint32_t lanes) {
     const struct cr_img_cluster *c = l->c;
     struct cr_img_sum sum = {0};
     const float *height = l->heights->height_m[k], *top = l->heights->top_m;
@@ -337,7 +320,7 @@ static struct cr_img_sum sum_at_plane(const walk *w, const looked *l, uint32_t k
 }
 
 /* What a hit touches of the planes it lies at: of each lane the highest, and others as far as they come near that. */
-static void touch_planes(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
+static void touch_planes(walk *w, const cr_looked *l, const cr_hit *hit, uint32_t lanes) {
     const uint32_t first = w->set->touch_count;
     for (uint32_t k = 0; k < l->planes->count; k++) {
         if ((lanes & ~l->heights->highest[k]) == 0u) {
@@ -353,7 +336,7 @@ static void touch_planes(walk *w, const looked *l, const cr_hit *hit, uint32_t l
 }
 
 /* What a hit touches, lane by lane as it was looked up. */
-static void touch_looked_up(walk *w, const looked *l, const cr_hit *hit, uint32_t lanes) {
+static void touch_looked_up(walk *w, const cr_looked *l, const cr_hit *hit, uint32_t lanes) {
     const uint32_t first = w->set->touch_count, facet = common_facet(w, l, lanes);
     if (facet != CR_FACET_NONE) {
         touch_plane(w, first, facet, &hit->sum);
@@ -369,7 +352,7 @@ static void touch_looked_up(walk *w, const looked *l, const cr_hit *hit, uint32_
 }
 
 /* The hit of some covered lanes of a cluster that hang together. */
-static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
+static void take_lanes(walk *w, const cr_looked *l, uint32_t lanes) {
     cr_hit *hit = add_hit(w, l->cluster);
     if (hit == NULL) {
         return;
@@ -397,7 +380,7 @@ static void take_lanes(walk *w, const looked *l, uint32_t lanes) {
 }
 
 /* The hit of a cluster with covered lanes, for the way out: in one, and what it is inside of. */
-static void take_cluster(walk *w, const looked *l) {
+static void take_cluster(walk *w, const cr_looked *l) {
     cr_hit *hit = add_hit(w, l->cluster);
     if (hit == NULL) {
         return;
@@ -405,24 +388,20 @@ static void take_cluster(walk *w, const looked *l) {
     hit->covered = (uint16_t)l->covered;
     hit->inside = (uint16_t)l->inside;
     hit->near = (uint16_t)l->near;
-    hit->whole = 0u;
+    hit->whole = (uint16_t)(l->full == (1u << l->c->count) - 1u);
+    hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
-    if (l->planes != NULL) {
-        hit->planes = (uint16_t)l->planes->kind;
-        cr_way_add_over_planes(w->field, w->pose, w->set, w->set->hit_count - 1u, l->planes, l->heights);
-    } else {
-        cr_way_add_over_lookup(w->field, w->pose, w->set, w->set->hit_count - 1u, l->at, l->world);
-    }
+    cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
 /* The hits of a cluster with covered lanes. */
-static void take_points(walk *w, const looked *l, const batch *b, int lane) {
-    if (l->full == (1u << l->c->count) - 1u) {
-        take_whole(w, l->cluster, b, lane);
-        return;
-    }
+static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
     if (CR_WAY_OUT && w->options->way) {
         take_cluster(w, l);
+        return;
+    }
+    if (l->full == (1u << l->c->count) - 1u) {
+        take_whole(w, l->cluster, b, lane);
         return;
     }
     for (uint32_t left = l->covered; left != 0u;) {
@@ -453,13 +432,13 @@ static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane)
         return max_f(0.0f, smallest_clearance(c, at.phi_m, w->slack_out_m));
     }
     near = (near & c->crease_mask) | (covered & outside & ~(c->crease_mask | c->vertex_mask));
-    const looked l = {cluster, c, &world, &at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
+    const cr_looked l = {cluster, c, &world, &at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
     take_points(w, &l, b, lane);
     return 0.0f;
 }
 
 /* Coverage of a lane that planes cut, in the mode of the options, and its distance. */
-static float cover_cut_lane(const walk *w, const looked *l, int i, float *phi_m) {
+static float cover_cut_lane(const walk *w, const cr_looked *l, int i, float *phi_m) {
     const cr_planes *p = l->planes;
     const float top = l->heights->top_m[i];
     float height[CR_KIND_FACETS_MAX], distance = top, share = (float)(top <= 0.0f);
@@ -495,7 +474,7 @@ static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
     const cr_planes *p = each ? w->planes : cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
-    looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
+    cr_looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
@@ -571,8 +550,10 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
         }
         if (-phi > f.reach_m + w->slack_in_m) {
             w->stats->clusters_inside++;
-            take_whole(w, f.cluster, b, lane);
-            return;
+            if (!CR_WAY_OUT || !w->options->way) { /* the way out asks how deep its points are */
+                take_whole(w, f.cluster, b, lane);
+                return;
+            }
         }
     }
     w->lookups++;

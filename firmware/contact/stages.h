@@ -123,6 +123,19 @@ typedef struct {
     struct cr_img_sum sum;
 } cr_hit;
 
+/* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
+typedef struct {
+    uint32_t cluster;
+    const struct cr_img_cluster *c;
+    const cr_lanes3 *world; /* looked up: the points and what was found at each */
+    const cr_lookup *at;
+    const cr_planes
+        *planes; /* else: what the static object is, and the points' heights above it; null when looked up */
+    const cr_heights *heights;
+    const float *coverage; /* 0 where `covered` is not set */
+    uint32_t covered, full, inside, near;
+} cr_looked;
+
 /* What a cluster touches of one static patch. */
 typedef struct {
     uint16_t hit;
@@ -197,6 +210,7 @@ typedef struct {
 typedef struct {
     uint32_t count, dropped;
     cr_way_zone zones[CR_WAY_ZONES_MAX];
+    uint32_t area_of[CR_WAY_ZONES_MAX];  /* set by the answer: contact area of each zone, or CR_HIT_NONE */
     cr_way_reach reach[CR_CLUSTERS_MAX]; /* of each hit */
     cr_way_layers layers;                /* of the cluster in hand */
 } cr_way_zones;
@@ -212,15 +226,9 @@ typedef struct {
     };
 } cr_contact_set;
 
-/* Purpose  add to the zones what a hit is inside of, by planes or by what was looked up at its points.
- * Shapes   hit: index of the hit; planes and heights, or at and world, of its cluster.   Source  WAY_OUT.md "Zones". */
-void cr_way_add_over_planes(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-                            const cr_planes *planes, const cr_heights *heights);
-void cr_way_add_over_lookup(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-                            const cr_lookup *at, const cr_lanes3 *world);
-
-/* Purpose  the same for a hit that is inside as a whole, its points not looked at yet.   Cost  a lookup where no planes are known. */
-void cr_way_add_whole(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit);
+/* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones". */
+void cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
+                const cr_looked *looked);
 
 /* W v for one lane: the spread of its piece along v. */
 static inline cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec3 v) {
@@ -330,7 +338,7 @@ typedef struct {
 typedef struct {
     const cr_field *field;
     const xform *world_from_tool;
-    const cr_contact_set *set;
+    cr_contact_set *set;
     const cr_config *config;
 #ifdef CR_RIVALS
     cr_proxy *proxy;

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import property_scenes
 import pytest
 from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import load_trajectory
@@ -53,6 +54,19 @@ def test_force_never_changes_faster_than_the_walls_allow(name: str) -> None:
     change = np.linalg.norm(np.diff(push, axis=0), axis=1)
     most = 2.0 if name == "jaw" else 1.0  # a jaw: both sides at once
     assert (change <= most * moved + 2e-3).all()
+
+
+def test_a_cube_pressed_deep_into_a_thick_wall_feels_its_depth() -> None:
+    """Its lower samples are so far inside that the image knows no surface near them."""
+    wall = property_scenes.box((-50, 50), (-50, 50), (-50, 0))
+    scene = property_scenes.bake(wall, property_scenes.cube(20.0), 2.0, 2.0)
+    depth_mm = np.linspace(0.0, 19.0, 96)
+    place = np.column_stack([0 * depth_mm + 3.0, 0 * depth_mm + 2.0, 10.0 - depth_mm]) * 1e-3
+    poses = np.hstack([place, np.tile([1.0, 0.0, 0.0, 0.0], (len(place), 1))])
+    options = ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="way_out", force_max_N=1e6)
+    push = property_scenes.run(scene, poses, options)["force_N"].astype(np.float64)
+    np.testing.assert_allclose(push[:, 2], depth_mm, atol=0.01)
+    np.testing.assert_allclose(push[:, :2], 0.0, atol=1e-3)
 
 
 def test_walls_of_a_corner_answer_each_for_itself() -> None:

@@ -133,6 +133,31 @@ static void jaws_feel_the_difference(void **state) {
     crt_tool_free(&jaws);
 }
 
+/* A corner that reaches into one piece of the tool: its normals tell the way, not which face the one sample is nearest to. */
+static void corner_inside_of_one_sample_pushes_along_its_middle(void **state) {
+    (void)state;
+    const double ball_m = 15e-3, depth_m = 0.75e-3;
+    const crt_solid block = crt_box(-40e-3, 0.0, 20e-3, -40e-3, 0.0);
+    crt_tool tool = crt_tool_new(2e-3);
+    crt_rig rig;
+    crt_add_ball(&tool, ball_m);
+    open_with(&rig, &block, &tool);
+    uint64_t seed = 5u;
+    for (int i = 0; i < 60; i++) {
+        const double far = ball_m - depth_m, x = 1.0 + crt_uniform(&seed, -0.04, 0.04),
+                     z = 1.0 + crt_uniform(&seed, -0.04, 0.04), length = sqrt(x * x + 1.0 + z * z);
+        const cr_pose pose = crt_pose(far * x / length, 20e-3 + far / length, far * z / length);
+        const cr_output out = tick(&rig, &pose);
+        const cr_vec3 n = v3_unit(out.force_world_N, 0.0f);
+        const double along = (x * (double)n.x + (double)n.y + z * (double)n.z) / length;
+        if (!(along > 0.99)) {
+            fail_msg("pose %d: the force is %g degrees off", i, acos(along) * 57.3);
+        }
+    }
+    crt_close(&rig);
+    crt_tool_free(&tool);
+}
+
 /* A ball on a ball: along their middles, as deep as they overlap, where they touch. */
 static void balls_push_along_their_middles(void **state) {
     (void)state;
@@ -375,8 +400,8 @@ static void lanes_of_two_cells_behind_one_wall_all_count(void **state) {
         memset(&layers, 0, sizeof layers);
         layers.near = 0xffffu;
         layers.reach.bound_m = -1.0f;
-        cr_way_over_planes(&rig.scene, c, 0x00ffu, &wall, &h, &layers);
-        cr_way_over_planes(&rig.scene, c, 0xff00u, &wall, &h, &layers);
+        cr_way_over_planes(&rig.scene, c, 0x00ffu, NULL, &wall, &h, &layers);
+        cr_way_over_planes(&rig.scene, c, 0xff00u, NULL, &wall, &h, &layers);
         assert_int_equal(layers.count, 1);
         assert_int_equal(layers.layers[0].lanes, 0xffff);
         for (int i = 0; i < CR_LANES; i++) {
@@ -432,6 +457,7 @@ int main(void) {
         cmocka_unit_test(face_pushes_the_same_while_an_edge_comes_under_it),
         cmocka_unit_test(walls_of_a_corner_are_independent),
         cmocka_unit_test(jaws_feel_the_difference),
+        cmocka_unit_test(corner_inside_of_one_sample_pushes_along_its_middle),
         cmocka_unit_test(balls_push_along_their_middles),
         cmocka_unit_test(any_pose_of_any_scene_is_answered),
         cmocka_unit_test(surfaces_without_labels_go_by_where_they_lie),
