@@ -39,7 +39,7 @@ PYTHON_ROOMS: Rooms = {
     "base": ("_native",),
     "mesh": ("base",),
     "bake": ("_native", "base", "mesh"),
-    "replay": ("base",),
+    "replay": ("base", "bake"),
     "crease": ("base", "mesh", "bake", "replay"),
     "bus": ("_sim", "base"),
     "loop": ("_sim", "base", "mesh", "bake", "replay", "bus"),

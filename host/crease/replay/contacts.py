@@ -1,8 +1,9 @@
-"""Contact areas and zones of every tick of a path: the ticks run again, and what each sample touches is read out."""
+"""Contact areas and zones of every tick of a path: the ticks run again, and what each touches is read out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from crease.replay.replay import ReplayOptions, World
 from crease.replay.trajectory import Trajectory
 
 CHANGE, ZONE, TICK = record("crv_change"), record("crv_zone"), record("crv_tick")
+AREA = record("crv_area")
 """Of host/native/contacts.h."""
 
 NO_PATCH = int(lib.CRV_PATCH_NONE)
@@ -35,6 +37,48 @@ class Contacts:
     ticks: npt.NDArray[Any]
     changes: npt.NDArray[Any]
     zones: npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Areas:
+    """The contact areas along a path.   Shapes: counts (n,) of the ticks; areas AREA (sum of counts,), tick after tick."""
+
+    counts: npt.NDArray[np.uint32]
+    areas: npt.NDArray[Any]
+
+    def of(self, tick: int) -> npt.NDArray[Any]:
+        """The areas of one tick."""
+        view: npt.NDArray[Any] = self.areas[self.starts[tick] : self.starts[tick + 1]]
+        return view
+
+    @cached_property
+    def starts(self) -> npt.NDArray[np.int64]:
+        """Where the areas of each tick begin, (n + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.counts, dtype=np.int64)])
+
+
+def find_areas(scene: Scene, path: Trajectory, options: ReplayOptions) -> Areas:
+    """Where a path touches, and the force that each area gives.   Errors: SceneError.   Cost: that of the ticks."""
+    world = World(scene, options)
+    counts = np.zeros(len(path), np.uint32)
+    areas = np.zeros(int(lib.CR_AREAS_MAX) + 64 * _CHUNK, AREA)
+    count_rows = ffi.from_buffer("uint32_t[]", counts, require_writable=True)
+    area_rows = ffi.from_buffer("crv_area[]", areas, require_writable=True)
+    poses = ffi.from_buffer("cr_path_row[]", path.rows)
+    found: list[npt.NDArray[Any]] = [areas[:0].copy()]
+    at = 0
+    while at < len(path):
+        before_s = path.t_s[at] - path.t_s[at - 1] if at else path.first_period_s
+        left = min(_CHUNK, len(path) - at)
+        done = int(
+            lib.crv_areas_run(
+                *(world.handle, poses + at, left, float(before_s), count_rows + at),
+                *(area_rows, len(areas)),
+            )
+        )
+        found.append(areas[: int(counts[at : at + done].sum())].copy())
+        at += done
+    return Areas(counts, np.concatenate(found))
 
 
 def tool_samples_m(scene: Scene) -> npt.NDArray[np.float64]:
