@@ -20,8 +20,8 @@ OUT := build$(if $(QUICK),/quick)
 # What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
-PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step mcap parquet wheel docs
+PIP_USER := meshes live mcap
+PIP_DEVELOP := test fuzz dask lint step parquet wheel docs
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -166,6 +166,13 @@ build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL) 
 	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes $(DEMO_SCENES)
 	$(PY) -m crease.draw.demo meshes/scenes.toml build/meshes build/scenes build/demo
 	@touch $@
+
+play: build/.host build/meshes/.stamp ## a block and a ball in the browser: drag the ball with the mouse and see the force
+	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes $(PLAY)
+	$(CREASE) view --live build/scenes/$(PLAY).crs --title "$(PLAY): drag the ball" $(if $(QUICK),--seconds 2 --no-open)
+
+# A scene of meshes/scenes.toml.
+PLAY ?= edge90_sphere
 
 # --------------------------------------------------------------------------------------------------------- tests
 # One library and one set of test programs for each variant: build/<variant>/...
@@ -479,5 +486,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

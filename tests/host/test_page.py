@@ -264,8 +264,8 @@ def test_forces_of_several_areas_are_drawn_each(crease: Run, tmp_path: Path) -> 
         shown = tab.run("crease.player.stage.parts.filter((p) => p.group.visible).length")
         assert shown == table["areas"][tick] > 1
         sums = tab.run(
-            f"((r) => {{ const sum = new THREE.Vector3(); for (let i = r.area_at[{tick}]; i < r.area_at[{tick} + 1]; i++)"
-            " sum.add(vector(r.area_force_N, i)); return sum.toArray(); })(crease.player.replays[0])"
+            "((r, at) => { const sum = new THREE.Vector3(); for (let i = r.area_at[at]; i < r.area_at[at + 1]; i++)"
+            f" sum.add(vector(r.area_force_N, i)); return sum.toArray(); }})(crease.player.replays[0], {tick})"
         )
         assert sums == pytest.approx([table[f"f{a}_N"][tick] for a in "xyz"], abs=0.01)
         assert tab.complaints == []

@@ -41,7 +41,7 @@ class Contacts:
 
 @dataclass(frozen=True)
 class Areas:
-    """The contact areas along a path.   Shapes: counts (n,) of the ticks; areas AREA (sum of counts,), tick after tick."""
+    """The contact areas along a path.   Shapes: counts (n,); areas AREA (sum of counts,), tick after tick."""
 
     counts: npt.NDArray[np.uint32]
     areas: npt.NDArray[Any]
@@ -125,6 +125,66 @@ def find_contacts(scene: Scene, path: Trajectory, coverage: str) -> Contacts:
         found[1].append(zones[: int(rows["zones_stored"].sum())].copy())
         at += done
     return Contacts(ticks, _renumber(scene, np.concatenate(found[0])), np.concatenate(found[1]))
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one pose touches.   Shapes: areas AREA (a,); zones ZONE (z,); samples (n, 2) index and patch, -1: none."""
+
+    areas: npt.NDArray[Any]
+    zones: npt.NDArray[Any]
+    samples: npt.NDArray[np.int64]
+    point_m: npt.NDArray[np.float32]
+
+
+class Watcher:
+    """What a tool touches, pose by pose, for a picture of a loop that runs elsewhere.   Errors: SceneError."""
+
+    def __init__(self, scene: Scene, options: ReplayOptions) -> None:
+        self._scene = scene
+        self._worlds = World(scene, options), World(scene, options)
+        made = lib.crv_watch_new(self._worlds[0].handle, scene.handle)
+        self._watch = ffi.gc(made, lib.crv_watch_free)
+        if made == ffi.NULL:
+            raise SceneError(f"{scene.source}: no memory for the contacts of its tool")
+        count = int(scene.handle.cluster_count)
+        self._patch = np.full(LANES * count, -2, np.int64)  # -2: touches nothing
+        self._number = (
+            np.cumsum((np.arange(LANES) < _clusters(scene)["count"][:, None]).reshape(-1)) - 1
+        )
+        self._changes = np.zeros(2 * LANES * count, CHANGE)
+        self._zones = np.zeros(int(lib.CR_AREAS_MAX * lib.CR_ZONES_MAX), ZONE)
+        self._areas = np.zeros(int(lib.CR_AREAS_MAX), AREA)
+
+    def see(self, pose: npt.NDArray[np.float64]) -> Seen:
+        """pose: (7,).   Output: copies.   Cost: two ticks."""
+        row, tick, count = np.zeros(8), np.zeros(1, TICK), np.zeros(1, np.uint32)
+        row[1:] = pose
+        given = ffi.from_buffer("cr_path_row[]", row)
+
+        def room(kind: str, array: npt.NDArray[Any]) -> Any:
+            return ffi.from_buffer(f"{kind}[]", array, require_writable=True)
+
+        lib.crv_watch_run(
+            *(self._watch, given, 1, 1e-3, room("crv_tick", tick)),
+            *(room("crv_change", self._changes), len(self._changes)),
+            *(room("crv_zone", self._zones), len(self._zones)),
+        )
+        lib.crv_areas_run(
+            *(self._worlds[1].handle, given, 1, 1e-3, room("uint32_t", count)),
+            *(room("crv_area", self._areas), len(self._areas)),
+        )
+        changed = self._changes[: int(tick["changes"][0])]
+        patch = changed["patch"].astype(np.int64)
+        patch[changed["patch"] == NO_PATCH] = -1
+        self._patch[changed["sample"]] = np.where(changed["area"] > 0, patch, -2)
+        touching = np.flatnonzero(self._patch > -2)
+        return Seen(
+            self._areas[: int(count[0])].copy(),
+            self._zones[: int(tick["zones_stored"][0])].copy(),
+            np.column_stack([self._number[touching], self._patch[touching]]),
+            tick["point_m"][0].copy(),
+        )
 
 
 def _renumber(scene: Scene, changes: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -34,7 +34,7 @@ TRIANGLES_MAX = 120_000
 TICKS_MAX = 1_000_000
 """Longest replay that a browser holds with ease."""
 
-OURS = ("decode.js", "scene.js", "plots.js", "player.js")
+OURS = ("decode.js", "scene.js", "plots.js", "list.js", "player.js")
 """Our scripts, in the order in which they are run."""
 
 FOLDER = Path(__file__).parent
@@ -52,6 +52,8 @@ class Replay:
 
     name: str
     table: Mapping[str, npt.NDArray[Any]]
+    preview: bool = False
+    """The table answers with the default settings to a path that nobody has replayed yet."""
 
 
 @dataclass(frozen=True)
@@ -204,7 +206,8 @@ def _patches(made: _Made, used: Sequence[int]) -> list[int]:
     return [int(p) for p in patches[np.argsort(-counts, kind="stable")]]
 
 
-def _add_body(packer: Packer, key: str, body: Body) -> None:
+def add_body(packer: Packer, key: str, body: Body) -> None:
+    """A body under `key`, to a picture's precision."""
     size_m = float(np.abs(body.vertices_m).max())
     packer.add_numbers(f"{key}.vertices_m", body.vertices_m, size_m / 65536)
     packer.add_integers(f"{key}.triangles", body.triangles)
@@ -246,23 +249,32 @@ def _camera(scene: Scene, path: Trajectory, contacts: Contacts) -> dict[str, obj
     }
 
 
-def _fill(title: str, header: dict[str, object], data: str) -> str:
-    """The template with everything in its place."""
+def fill(template: str, parts: Mapping[str, str]) -> str:
+    """A template with everything in its place: `parts`, and the libraries.   Errors: CreaseError without those."""
     scripts = load_scripts()
-    text = (FOLDER / "page.html").read_text(encoding="utf-8")
-    ours = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in OURS)
-    parts = {
-        "TITLE": html.escape(title),
-        "STYLE": scripts.uplot_css + (FOLDER / "page.css").read_text(encoding="utf-8"),
+    whole = {
         "THREE": scripts.three,
         "UPLOT": scripts.uplot,
         "NOTICE": html.escape(scripts.notice),
-        "OURS": ours,
-        "HEADER": json.dumps(header, allow_nan=False).replace("<", "\\u003c"),
-        "DATA": data,
+        **parts,
+        "STYLE": scripts.uplot_css + parts["STYLE"],
     }
-    pieces = text.split("@@")
-    return "".join(parts[p] if i % 2 else p for i, p in enumerate(pieces))
+    pieces = template.split("@@")
+    return "".join(whole[p] if i % 2 else p for i, p in enumerate(pieces))
+
+
+def _fill(title: str, header: dict[str, object], data: str) -> str:
+    """The page of replays."""
+    return fill(
+        (FOLDER / "page.html").read_text(encoding="utf-8"),
+        {
+            "TITLE": html.escape(title),
+            "STYLE": (FOLDER / "page.css").read_text(encoding="utf-8"),
+            "OURS": "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in OURS),
+            "HEADER": json.dumps(header, allow_nan=False).replace("<", "\\u003c"),
+            "DATA": data,
+        },
+    )
 
 
 def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
@@ -289,12 +301,12 @@ def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
         _add_contacts(made, f"contacts{i}", made.contacts[i][2], patches)
     drawn = {"static": reduce_body(static, TRIANGLES_MAX), "tool": reduce_body(tool, TRIANGLES_MAX)}
     for name, body in drawn.items():
-        _add_body(made.packer, name, body)
+        add_body(made.packer, name, body)
     made.packer.add_numbers("samples_m", tool_samples_m(scene), _POSITION_M)
     header: dict[str, object] = {
         "title": title,
         "replays": [
-            {"name": r.name, "contacts": f"contacts{i}", **more}
+            {"name": r.name, "contacts": f"contacts{i}", "preview": r.preview, **more}
             for r, i, more in zip(replays, index, found, strict=True)
         ],
         "patches": patches,

@@ -51,7 +51,7 @@ class Player {
   }
 
   makePanes() {
-    this.panes = this.header.replays.map(({ name, stiffness_N_m }, i) => {
+    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview }, i) => {
       const pane = find("panes").appendChild(document.createElement("div"));
       pane.className = "pane";
       const told = pane.appendChild(document.createElement("div"));
@@ -60,6 +60,7 @@ class Player {
       chip.className = "chip";
       chip.style.background = `var(--replay${i})`;
       told.appendChild(document.createElement("b")).textContent = name;
+      if (preview) told.appendChild(document.createElement("p")).textContent = "not replayed yet: zones, 1000 N/m";
       const table = told.appendChild(document.createElement("table"));
       const values = ["force", "torque", "depth", "turn", "amplification", "tick", "contact"].map((label) => {
         const row = table.insertRow();
@@ -264,25 +265,6 @@ class Player {
   draw() {
     this.stage?.render(this.ticks(), this.display);
   }
-}
-
-const POINTS_MAX = 6;
-
-// A table of contact points: count of them, each { at, depth, force } by its number. The deepest come first.
-function listPoints(table, count, get) {
-  const rows = Array.from({ length: Math.max(0, count) }, (_, k) => get(k)).sort((a, b) => b.depth - a.depth);
-  const cells = rows.slice(0, POINTS_MAX).map(({ at, depth, force }) =>
-    [...at.toArray().map((v) => (1000 * v).toFixed(1)), (1000 * depth).toFixed(2), force.toFixed(2)]);
-  const key = JSON.stringify([cells, rows.length]);
-  if (table.told === key) return;
-  table.told = key;
-  table.replaceChildren();
-  if (!cells.length) return;
-  for (const texts of [["x, mm", "y", "z", "depth", "N"], ...cells]) {
-    const row = table.insertRow();
-    for (const text of texts) row.insertCell().textContent = text;
-  }
-  if (rows.length > POINTS_MAX) table.insertRow().insertCell().textContent = `and ${rows.length - POINTS_MAX} more`;
 }
 
 // For scripts: crease.ready, then crease.seek(tick), crease.look(replay).

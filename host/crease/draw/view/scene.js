@@ -262,6 +262,7 @@ class Stage {
     holder.prepend(this.canvas);
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.001, 100);
     this.camera.up.set(0, 0, 1);
+    this.sharpness = 1; // share of the screen's pixels along each side
     this.makeBodies();
     this.makeOverlay();
     this.home();
@@ -398,7 +399,8 @@ class Stage {
     if (!this.dirty) return;
     this.dirty = false;
     const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    const ratio = Math.min(window.devicePixelRatio, 2) * this.sharpness;
+    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio); // makes all buffers anew
     const size = this.renderer.getSize(new THREE.Vector2());
     if (size.x !== width || size.y !== height) this.renderer.setSize(width, height, false);
     const tight = Math.min(1, ...this.panes.map((pane) => pane.width / pane.height)); // narrow panes are seen from farther
