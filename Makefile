@@ -300,6 +300,9 @@ bench: build/.host build/scenes/.stamp ## measured figures, with the machine's n
 	$(PY) tests/bench/bench.py --figures $(OUT)/bench $(if $(QUICK),--scene edge90_cube --repeat 2)
 	$(PY) tests/bench/bake.py $(if $(QUICK),--quick)
 
+bench-worlds: build/.host build/scenes/.stamp ## throughput of crease.Worlds over batch sizes and threads
+	$(PY) tests/bench/worlds.py build/scenes/edge90_cube.crs build/meshes/edge90_cube.csv $(if $(QUICK),--steps 10)
+
 # An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
 PEERS := build/peers
 PEERS_PIP := python-fcl coal mujoco pybullet
@@ -486,5 +489,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets bench-worlds lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -68,7 +68,7 @@ class Felt:
 
     @property
     def hand_force_N(self) -> F64:
-        """(n, 3) of the simulated hand on the tip, frame of the base."""
+        """(n, 3) that the simulated hand feels, with the friction of the mechanism, frame of the base."""
         view: F64 = self.mechanism["hand_force_N"]
         return view
 
