@@ -64,7 +64,7 @@ def add_parser(sub: SubParsers) -> None:
         metavar="OUT.csv",
         type=Path,
         required=True,
-        help="the table, CSV or NPZ by suffix",
+        help="the table, CSV or NPZ by suffix; or MCAP: ROS 2 messages with contact points and areas",
     )
     add_stiffness(parser)
     parser.add_argument(
@@ -139,7 +139,7 @@ def _far_away(scene: Scene, path: Trajectory) -> list[str]:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
-    check_suffix(args.output, (".csv", ".npz"))
+    check_suffix(args.output, (".csv", ".npz", ".mcap"))
     check_target(args.output, args.force, (args.scene, args.path))
     if is_recording(args.path):
         from crease.verbs import rerun
@@ -162,7 +162,12 @@ def run(args: argparse.Namespace) -> None:
         rows = run_path(
             scene, path, options, args.repeat, progress=lambda part: progress("replay", part)
         )
-    write_table(args.output, to_columns(path, rows))
+    if args.output.suffix == ".mcap":
+        from crease.replay.export import write_replay
+
+        write_replay(args.output, scene, path, rows, options)
+    else:
+        write_table(args.output, to_columns(path, rows))
     force_N = np.linalg.norm(rows["force_N"], axis=1)
     overflow = int(np.count_nonzero(rows["overflow"]))
     limit_N = args.force_max or float(lib.cr_config_default().force_max_N)
