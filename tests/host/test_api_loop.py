@@ -160,9 +160,9 @@ def test_worlds_are_reset_one_by_one(scene: crease.Scene) -> None:
     poses[1] = PRESSED
     assert (worlds.step(poses)["force_N"][:, 2] > 1.0).all()
     assert not worlds.reset()["force_N"].any()
-    for bad in ({"count": 0}, {"count": 3, "threads": 0}):
+    for count, threads in ((0, None), (3, 0)):
         with pytest.raises(ValueError, match="1 or more"):
-            crease.Worlds(scene, **bad)
+            crease.Worlds(scene, count, threads=threads)
 
 
 def test_observations_are_copies(scene: crease.Scene) -> None:
