@@ -293,12 +293,16 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 	    --fail-under-line 100 --fail-under-branch 95 build/cov/firmware
 
 .PHONY: pictures
-pictures: build/.host build/scenes/.stamp ## pictures of firmware/contact/DESIGN.md, anew from replays
+pictures: build/.develop build/.browser build/scenes/.stamp ## pictures of the texts, anew: of the contact, the page, the live page, run.mcap
 	$(PY) tests/bench/pictures.py $(if $(QUICK),-o $(OUT)/pictures --only problem.png)
+	PYTHONPATH=tests/host $(PY) tests/bench/page_pictures.py $(if $(QUICK),-o $(OUT)/pictures --only mcap.png)
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py --figures $(OUT)/bench $(if $(QUICK),--scene edge90_cube --repeat 2)
 	$(PY) tests/bench/bake.py $(if $(QUICK),--quick)
+
+first-plot: $(if $(QUICK),build/.host) ## from a fresh clone to a plot of two STL files in ten lines: how long it takes
+	$(if $(QUICK),$(PY),"$(PYTHON)") tests/bench/first_plot.py $(if $(QUICK),--here)
 
 bench-worlds: build/.host build/scenes/.stamp ## throughput of crease.Worlds over batch sizes and threads
 	$(PY) tests/bench/worlds.py build/scenes/edge90_cube.crs build/meshes/edge90_cube.csv $(if $(QUICK),--steps 10)
@@ -489,5 +493,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets bench-worlds lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

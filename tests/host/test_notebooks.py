@@ -34,7 +34,9 @@ def run(path: Path, folder: Path) -> Any:
 
 def pictures(book: Any) -> int:
     return sum(
-        "image/png" in output.get("data", {}) for cell in book.cells for output in cell.get("outputs", [])
+        "image/png" in output.get("data", {})
+        for cell in book.cells
+        for output in cell.get("outputs", [])
     )
 
 
@@ -49,14 +51,18 @@ def test_a_notebook_is_kept_without_outputs(path: Path) -> None:
     for cell in book.cells:
         if cell.cell_type == "code":
             assert (cell.outputs, cell.execution_count) == ([], None)
-    links = re.findall(r"\]\(([^)#]+)\)", "\n".join(c.source for c in book.cells if c.cell_type == "markdown"))
+    links = re.findall(
+        r"\]\(([^)#]+)\)", "\n".join(c.source for c in book.cells if c.cell_type == "markdown")
+    )
     assert all((path.parent / link).exists() for link in links)
 
 
 def test_ten_lines_are_ten_lines_and_draw_the_force(tmp_path: Path) -> None:
     path = next(path for path in NOTEBOOKS if path.stem == "ten_lines")
     book = run(path, tmp_path)
-    assert sum(bool(line.strip()) for line in "\n".join(code(book)).splitlines()) <= 10 + 1  # and the files
+    assert (
+        sum(bool(line.strip()) for line in "\n".join(code(book)).splitlines()) <= 10 + 1
+    )  # and the files
     assert pictures(book) == 1
 
 
@@ -64,9 +70,15 @@ def test_responses_are_compared_by_their_numbers(tmp_path: Path) -> None:
     path = next(path for path in NOTEBOOKS if path.stem == "compare")
     book = run(path, tmp_path)
     assert pictures(book) == 1
-    said = "".join(o.text for c in book.cells for o in c.get("outputs", []) if "text" in o and o.name == "stdout")
+    said = "".join(
+        o.text
+        for c in book.cells
+        for o in c.get("outputs", [])
+        if "text" in o and o.name == "stdout"
+    )
     rows = {line.split()[0]: [float(v) for v in line.split()[1:]] for line in said.splitlines()[1:]}
     assert set(rows) == {"zones", "fixed45"}
     (_, turn, amplification), (_, other_turn, other_amplification) = rows["zones"], rows["fixed45"]
-    assert turn < 2.0 < 40.0 < other_turn
+    assert turn < 2.0
+    assert other_turn > 40.0
     assert amplification < 2.0 < other_amplification
