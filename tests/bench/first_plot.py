@@ -2,8 +2,9 @@
 
     python3 tests/bench/first_plot.py [--here]      # make first-plot
 
-A fresh clone, `make build` there (environment, packages, extension), then the ten lines of host/notebooks/ten_lines.ipynb on
-two STL files. --here: the ten lines alone, in the environment of this checkout. System packages are there already.
+A fresh clone, `make build` there (environment, packages, extension), then the ten lines of
+host/notebooks/ten_lines.ipynb on two STL files. --here: the ten lines alone, in the environment of this checkout.
+System packages are there already.
 """
 
 from __future__ import annotations
