@@ -16,6 +16,11 @@ NOTEBOOKS = sorted((ROOT / "host/notebooks").glob("*.ipynb"))
 pytestmark = pytest.mark.slow
 
 
+def read(path: Path) -> Any:
+    """A notebook."""
+    return nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
+
+
 def code(book: Any) -> list[str]:
     """Texts of the cells that are run."""
     return [cell.source for cell in book.cells if cell.cell_type == "code"]
@@ -23,7 +28,7 @@ def code(book: Any) -> list[str]:
 
 def run(path: Path, folder: Path) -> Any:
     """The notebook with its outputs.   Errors: nbclient's, for a cell that fails."""
-    book = nbformat.read(path, as_version=4)
+    book = read(path)
     (folder / "build").mkdir()
     (folder / "build/meshes").symlink_to(ROOT / "build/meshes")
     NotebookClient(
@@ -46,7 +51,7 @@ def test_there_are_two() -> None:
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_is_kept_without_outputs(path: Path) -> None:
-    book = nbformat.read(path, as_version=4)
+    book = read(path)
     nbformat.validate(book)
     for cell in book.cells:
         if cell.cell_type == "code":
