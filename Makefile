@@ -20,8 +20,8 @@ OUT := build$(if $(QUICK),/quick)
 # What a user needs to build, bake, replay, see and run the demo; and what tests, lints, fuzzers and benchmarks need besides.
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
-PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step mcap parquet wheel docs
+PIP_USER := meshes live mcap
+PIP_DEVELOP := test fuzz dask lint step parquet wheel docs
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -167,6 +167,13 @@ build/demo/.stamp: build/.host build/meshes/.stamp meshes/scenes.toml $(PY_ALL) 
 	$(PY) -m crease.draw.demo meshes/scenes.toml build/meshes build/scenes build/demo
 	@touch $@
 
+play: build/.host build/meshes/.stamp ## a block and a ball in the browser: drag the ball with the mouse and see the force
+	$(PY) -m crease.bake.scene_list meshes/scenes.toml build/meshes build/scenes $(PLAY)
+	$(CREASE) view --live build/scenes/$(PLAY).crs --title "$(PLAY): drag the ball" $(if $(QUICK),--seconds 2 --no-open)
+
+# A scene of meshes/scenes.toml.
+PLAY ?= edge90_sphere
+
 # --------------------------------------------------------------------------------------------------------- tests
 # One library and one set of test programs for each variant: build/<variant>/...
 
@@ -286,12 +293,19 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 	    --fail-under-line 100 --fail-under-branch 95 build/cov/firmware
 
 .PHONY: pictures
-pictures: build/.host build/scenes/.stamp ## pictures of firmware/contact/DESIGN.md, anew from replays
+pictures: build/.develop build/.browser build/scenes/.stamp ## pictures of the texts, anew: of the contact, the page, the live page, run.mcap
 	$(PY) tests/bench/pictures.py $(if $(QUICK),-o $(OUT)/pictures --only problem.png)
+	PYTHONPATH=tests/host $(PY) tests/bench/page_pictures.py $(if $(QUICK),-o $(OUT)/pictures --only mcap.png)
 
 bench: build/.host build/scenes/.stamp ## measured figures, with the machine's name
 	$(PY) tests/bench/bench.py --figures $(OUT)/bench $(if $(QUICK),--scene edge90_cube --repeat 2)
 	$(PY) tests/bench/bake.py $(if $(QUICK),--quick)
+
+first-plot: $(if $(QUICK),build/.host) ## from a fresh clone to a plot of two STL files in ten lines: how long it takes
+	$(if $(QUICK),$(PY),"$(PYTHON)") tests/bench/first_plot.py $(if $(QUICK),--here)
+
+bench-worlds: build/.host build/scenes/.stamp ## throughput of crease.Worlds over batch sizes and threads
+	$(PY) tests/bench/worlds.py build/scenes/edge90_cube.crs build/meshes/edge90_cube.csv $(if $(QUICK),--steps 10)
 
 # An environment of its own: nothing here is needed by users. What has no wheel for this machine is said and left out.
 PEERS := build/peers
@@ -479,5 +493,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -4,13 +4,14 @@
     world = crease.World(scene, stiffness=1000.0)
     out = world.tick([0, 0, 0.008, 1, 0, 0, 0])      # out.force_N, out.torque_Nm, out.depth_m, out.areas
     felt = world.replay(poses)                       # felt.force_N, one row a tick
+    felt = crease.Loop(scene).run(poses)             # the same with device and hand: they give way
 
 The names of `__all__` are public: what they promise is in their docstrings. Units are SI, frames are in the names,
 errors are one tree, `CreaseError`, whose text says what, where and the mend.
 
 The rest are rooms, each using only those before it: `base` (errors, units, tables, scene images), `mesh`, `bake` (two
 meshes into a scene image), `replay` (the firmware's own C code along a path), `bus`, `loop` (the closed loop), `draw`,
-`lab` (the paper's experiments), `verbs`. `cli` is the command `crease`.
+`live` (the loop while it runs), `lab` (the paper's experiments), `verbs`. `cli` is the command `crease`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from crease.bake.call import bake
     from crease.base.errors import (
         CreaseError,
+        LoopError,
         MeshError,
         SceneError,
         TableError,
@@ -31,15 +33,22 @@ if TYPE_CHECKING:
     from crease.base.native import COVERAGES, RESPONSES
     from crease.base.scene import Scene
     from crease.base.version import VERSION as __version__  # noqa: N811
+    from crease.loop.call import Felt, Loop
+    from crease.loop.loop import Hand
     from crease.mesh.mesh import Mesh, load_mesh, make_mesh
     from crease.replay.trajectory import Trajectory
     from crease.replay.trajectory import load_trajectory as load_path
     from crease.replay.world import Output, Replay, World
+    from crease.replay.worlds import Worlds
 
 __all__ = [
     "COVERAGES",
     "RESPONSES",
     "CreaseError",
+    "Felt",
+    "Hand",
+    "Loop",
+    "LoopError",
     "Mesh",
     "MeshError",
     "Output",
@@ -51,6 +60,7 @@ __all__ = [
     "TrajectoryError",
     "UnitError",
     "World",
+    "Worlds",
     "__version__",
     "bake",
     "load_mesh",
@@ -61,6 +71,7 @@ __all__ = [
 _ROOMS = {
     "base.errors": (
         "CreaseError",
+        "LoopError",
         "MeshError",
         "SceneError",
         "TableError",
@@ -69,9 +80,12 @@ _ROOMS = {
     ),
     "base.native": ("COVERAGES", "RESPONSES"),
     "base.scene": ("Scene",),
+    "loop.call": ("Felt", "Loop"),
+    "loop.loop": ("Hand",),
     "mesh.mesh": ("Mesh", "load_mesh", "make_mesh"),
     "replay.trajectory": ("Trajectory",),
     "replay.world": ("Output", "Replay", "World"),
+    "replay.worlds": ("Worlds",),
 }
 _PLACES = {name: (room, name) for room, names in _ROOMS.items() for name in names}
 _PLACES["__version__"] = ("base.version", "VERSION")

@@ -243,6 +243,16 @@ static cr_vec3 acting_point(const cr_output *out) {
     return depth > 0.0f ? v3_scale(sum, 1.0f / depth) : v3(0.0f, 0.0f, 0.0f);
 }
 
+/* The tick of a row of the path; returns its pose. */
+static cr_pose tick_row(cr_world *world, const cr_path_row *path, size_t i, double period_first_s, cr_output *out) {
+    const double *p = path[i].pos_m, *q = path[i].rot;
+    const cr_pose pose = {{(float)p[0], (float)p[1], (float)p[2]},
+                          {(float)q[0], (float)q[1], (float)q[2], (float)q[3]}};
+    const double period_s = i == 0 ? period_first_s : path[i].t_s - path[i - 1].t_s;
+    cr_tick(world, &pose, (float)period_s, out);
+    return pose;
+}
+
 size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, double period_first_s, crv_tick *ticks,
                      crv_change *changes, size_t changes_room, crv_zone *zones, size_t zones_room) {
     static const cr_contact_set nothing;
@@ -252,11 +262,7 @@ size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, do
     memset(&out, 0, sizeof out);
     for (; i < count && changes_room - changed >= most && zones_room - stored >= (size_t)CR_AREAS_MAX * CR_ZONES_MAX;
          i++) {
-        const double *p = path[i].pos_m, *q = path[i].rot;
-        const cr_pose pose = {{(float)p[0], (float)p[1], (float)p[2]},
-                              {(float)q[0], (float)q[1], (float)q[2], (float)q[3]}};
-        const double period_s = i == 0 ? period_first_s : path[i].t_s - path[i - 1].t_s;
-        cr_tick(watch->world, &pose, (float)period_s, &out);
+        const cr_pose pose = tick_row(watch->world, path, i, period_first_s, &out);
         const cr_contact_set *set = out.area_count > 0u ? cr_world_contacts(watch->world) : &nothing;
         crv_tick *tick = &ticks[i];
         tick->changes = (uint32_t)find_changes(watch, &pose, set, changes + changed);
@@ -267,6 +273,25 @@ size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, do
         store_vec3(tick->point_m, acting_point(&out));
         changed += tick->changes;
         stored += tick->zones_stored;
+    }
+    return i;
+}
+
+size_t crv_areas_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, uint32_t *counts,
+                     crv_area *areas, size_t room) {
+    size_t stored = 0, i = 0;
+    cr_output out;
+    memset(&out, 0, sizeof out);
+    for (; i < count && room - stored >= (size_t)CR_AREAS_MAX; i++) {
+        (void)tick_row(world, path, i, period_first_s, &out);
+        counts[i] = out.area_count;
+        for (uint32_t a = 0; a < out.area_count; a++) {
+            crv_area *area = &areas[stored++];
+            store_vec3(area->point_m, out.areas[a].point_world_m);
+            store_vec3(area->force_N, out.areas[a].force_world_N);
+            store_vec3(area->normal, out.areas[a].normal_world);
+            area->depth_m = out.areas[a].depth_m;
+        }
     }
     return i;
 }

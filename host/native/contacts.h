@@ -28,6 +28,14 @@ typedef struct {
     float point_m[3];                /* where the force acts: points of the areas weighted by depth */
 } crv_tick;
 
+/* A contact area of a tick. */
+typedef struct {
+    float point_m[3]; /* where its force acts, world frame */
+    float force_N[3];
+    float normal[3];
+    float depth_m;
+} crv_area;
+
 typedef struct crv_watch crv_watch;
 
 /* Purpose  a watch over a world that has not ticked yet.   Output  to be freed with crv_watch_free; null: out of memory. */
@@ -41,5 +49,13 @@ void crv_watch_free(crv_watch *watch);
  * Cost     the tick's, and one lookup for each cluster that touches several patches. */
 size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, double period_first_s, crv_tick *ticks,
                      crv_change *changes, size_t changes_room, crv_zone *zones, size_t zones_room);
+
+/* Purpose  tick a world along a path and tell its contact areas.
+ * Shapes   path[count], counts[count]: areas of each tick; areas[room], one tick after the other. A room of at least
+ *          CR_AREAS_MAX lets every call do one tick.
+ * Units    period_first_s as of cr_replay_run.   Output  ticks done: fewer than count when the room is full.
+ * Cost     the tick's. */
+size_t crv_areas_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, uint32_t *counts,
+                     crv_area *areas, size_t room);
 
 #endif

@@ -9,15 +9,15 @@ static uint64_t now_ns(void) {
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 
-static cr_pose pose_from_row(const cr_path_row *row) {
+static cr_pose pose_from(const double pos_m[3], const double rot[4]) {
     cr_pose pose;
-    pose.pos_m.x = (float)row->pos_m[0];
-    pose.pos_m.y = (float)row->pos_m[1];
-    pose.pos_m.z = (float)row->pos_m[2];
-    pose.rot.w = (float)row->rot[0];
-    pose.rot.x = (float)row->rot[1];
-    pose.rot.y = (float)row->rot[2];
-    pose.rot.z = (float)row->rot[3];
+    pose.pos_m.x = (float)pos_m[0];
+    pose.pos_m.y = (float)pos_m[1];
+    pose.pos_m.z = (float)pos_m[2];
+    pose.rot.w = (float)rot[0];
+    pose.rot.x = (float)rot[1];
+    pose.rot.y = (float)rot[2];
+    pose.rot.z = (float)rot[3];
     return pose;
 }
 
@@ -54,16 +54,30 @@ static void store_output(cr_replay_row *row, const cr_output *out) {
     row->faults = out->faults;
 }
 
+/* One tick, timed. */
+static void tick_into(cr_replay_row *row, cr_world *world, const cr_pose *pose, float period_s, cr_output *out) {
+    const uint64_t start_ns = now_ns();
+    cr_tick(world, pose, period_s, out);
+    const uint64_t tick_ns = now_ns() - start_ns;
+    store_output(row, out);
+    row->tick_ns = tick_ns > UINT32_MAX ? UINT32_MAX : (uint32_t)tick_ns;
+}
+
 void cr_replay_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, cr_replay_row *rows) {
     cr_output out;
     memset(&out, 0, sizeof out);
     for (size_t i = 0; i < count; i++) {
-        const cr_pose pose = pose_from_row(&path[i]);
+        const cr_pose pose = pose_from(path[i].pos_m, path[i].rot);
         const double period_s = i == 0 ? period_first_s : path[i].t_s - path[i - 1].t_s;
-        const uint64_t start_ns = now_ns();
-        cr_tick(world, &pose, (float)period_s, &out);
-        const uint64_t tick_ns = now_ns() - start_ns;
-        store_output(&rows[i], &out);
-        rows[i].tick_ns = tick_ns > UINT32_MAX ? UINT32_MAX : (uint32_t)tick_ns;
+        tick_into(&rows[i], world, &pose, (float)period_s, &out);
+    }
+}
+
+void cr_replay_each(cr_world *const *worlds, const double *poses, size_t count, float period_s, cr_replay_row *rows) {
+    cr_output out;
+    memset(&out, 0, sizeof out);
+    for (size_t i = 0; i < count; i++) {
+        const cr_pose pose = pose_from(&poses[7 * i], &poses[7 * i + 3]);
+        tick_into(&rows[i], worlds[i], &pose, period_s, &out);
     }
 }

@@ -32,4 +32,9 @@ typedef struct {
  * Output   rows.   Errors  none: trouble of a tick is in rows[].faults and overflow.   Cost  two clock reads a tick. */
 void cr_replay_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, cr_replay_row *rows);
 
+/* Purpose  one tick of each of many worlds, each at its own pose.
+ * Shapes   worlds[count], rows[count]; poses[count][7]: m, and a unit quaternion, scalar first.   Units  period_s as of cr_tick.
+ * Output   rows.   Errors  none: as cr_replay_run.   Threads  calls over other worlds may run beside this one. */
+void cr_replay_each(cr_world *const *worlds, const double *poses, size_t count, float period_s, cr_replay_row *rows);
+
 #endif

@@ -39,13 +39,14 @@ PYTHON_ROOMS: Rooms = {
     "base": ("_native",),
     "mesh": ("base",),
     "bake": ("_native", "base", "mesh"),
-    "replay": ("base",),
-    "crease": ("base", "mesh", "bake", "replay"),
+    "replay": ("base", "bake"),
     "bus": ("_sim", "base"),
     "loop": ("_sim", "base", "mesh", "bake", "replay", "bus"),
+    "crease": ("base", "mesh", "bake", "replay", "loop"),
     "draw": ("base", "mesh", "bake", "replay"),
+    "live": ("base", "bake", "replay", "loop", "draw"),
     "lab": ("base", "mesh", "bake", "replay", "draw"),
-    "verbs": ("_sim", "base", "mesh", "bake", "replay", "bus", "loop", "draw", "lab"),
+    "verbs": ("_sim", "base", "mesh", "bake", "replay", "bus", "loop", "draw", "live", "lab"),
     "cli": ("base", "verbs"),
 }
 """`_native` and `_sim` are the C extensions, `crease` the package's page of names, `cli` the files beside it."""

@@ -203,3 +203,107 @@ def test_a_package_that_is_missing_is_named(
     assert said.status == 1
     assert f"pip install {package.partition('.')[0]}" in said.err
     assert list(tmp_path.iterdir()) == []
+
+
+def fields(message: Any) -> dict[str, np.ndarray[Any, Any]]:
+    """Columns of a PointCloud2, read as its own fields say."""
+    kinds = {7: "<f4", 6: "<u4", 5: "<i4"}
+    kind = np.dtype(
+        {
+            "names": [f.name for f in message.fields],
+            "formats": [kinds[f.datatype] for f in message.fields],
+            "offsets": [f.offset for f in message.fields],
+            "itemsize": message.point_step,
+        }
+    )
+    assert (message.height, message.row_step, len(message.data)) == (
+        1,
+        message.width * message.point_step,
+        message.width * message.point_step,
+    )
+    assert (message.is_bigendian, message.is_dense) == (False, True)
+    rows = np.frombuffer(bytes(message.data), kind)
+    return {name: rows[name] for name in kind.names or ()}
+
+
+def check_clouds(found: Decoded, scene_crs: Path) -> int:
+    """The forces of the areas make the wrench, the points are inside.   Output: ticks in contact."""
+    touching = 0
+    for i, (_, message) in enumerate(found["/contact/areas"]):
+        areas, points = fields(message), fields(found["/contact/points"][i][1])
+        force = numbers(found["/contact/wrench"][i][1].wrench.force)
+        assert message.header.frame_id == "world"
+        total = [float(areas[n].sum(dtype=np.float64)) for n in ("fx", "fy", "fz")]
+        assert total == pytest.approx(force, abs=1e-5)
+        touching += len(areas["x"]) > 0
+        if len(areas["x"]):
+            assert len(points["x"]) > 0
+            assert (
+                points["z"].max() < 1.5e-3
+            )  # the top of the block is z = 0; a soft sample has a size
+            assert set(points["area"]) == {1}
+            assert (points["patch"] >= 0).any()
+            middle = np.array([points[n].mean() for n in "xyz"])
+            assert np.array([areas[n][0] for n in "xyz"]) == pytest.approx(middle, abs=2e-3)
+    return touching
+
+
+def test_a_replay_writes_mcap_itself(
+    scene_crs: Path, press_csv: Path, press_out: Path, tmp_path: Path, crease: Run
+) -> None:
+    out = tmp_path / "run.mcap"
+    said = crease("replay", scene_crs, press_csv, "-o", out)
+    assert said.status == 0, said.err
+    found, columns = decode(out), read_table(press_out)
+    own = {"/contact/points", "/contact/areas"}
+    assert set(found) == own | {
+        "/tf",
+        "/tool/pose",
+        "/tool/display_pose",
+        "/contact/wrench",
+        "/contact/state",
+    }
+    assert {len(messages) for messages in found.values()} == {len(columns["t_s"])}
+    assert check_clouds(found, scene_crs) == int((columns["areas"] > 0).sum())
+    widths = [message.width for _, message in found["/contact/points"]]
+    assert (
+        np.array(widths) >= columns["contacts"]
+    ).all()  # soft: those near the surface count in part
+    assert max(widths) < 2 * columns["contacts"].max()
+    forces = [message.wrench.force.z for _, message in found["/contact/wrench"]]
+    assert forces == pytest.approx(columns["fz_N"].tolist(), rel=1e-6)
+
+
+def test_a_loop_writes_mcap_itself_and_export_the_same(
+    scene_crs: Path, press_csv: Path, run_crr: Path, tmp_path: Path, crease: Run
+) -> None:
+    direct, later = tmp_path / "run.mcap", tmp_path / "later.mcap"
+    said = crease("hil", scene_crs, "--operator", press_csv, "-o", direct)
+    assert said.status == 0, said.err
+    said = crease("export", run_crr, "--to", "mcap", "--scene", scene_crs, "-o", later)
+    assert said.status == 0, said.err
+    assert direct.read_bytes() == later.read_bytes()
+    again = tmp_path / "again.mcap"
+    assert crease("replay", scene_crs, run_crr, "-o", again).status == 0
+    assert again.read_bytes() == later.read_bytes()
+    found, rows = decode(direct), load_recording(run_crr).rows
+    assert {len(messages) for messages in found.values()} == {len(rows)}
+    assert {"/device/servo", "/device/joints", "/device/force"} <= set(found)
+    assert check_clouds(found, scene_crs) == int((rows["areas"] > 0).sum()) > 100
+
+
+def test_contact_points_need_the_right_scene(
+    run_crr: Path, press_out: Path, scene_crs: Path, block_stl: Path, tmp_path: Path, crease: Run
+) -> None:
+    other = tmp_path / "other.crs"
+    said = crease("bake", block_stl, block_stl, "-o", other, "--unit", "mm", "--spacing", "9mm")
+    assert said.status == 0, said.err
+    out = tmp_path / "x.mcap"
+    for words, reason in (
+        ((run_crr, "--scene", other), "is not the scene that"),
+        ((press_out, "--scene", scene_crs), "crease replay -o OUT.mcap"),
+    ):
+        said = crease("export", *words, "--to", "mcap", "-o", out)
+        assert said.status == 1
+        assert reason in said.err
+        assert not out.exists()

@@ -143,6 +143,134 @@ def test_samples_in_contact_are_the_same_from_both_sides(page: Page) -> None:
     assert all(samples(tick) == there[tick] for tick in (901, 0, 2029, 900, 300))
 
 
+def cursor_gaps(page: Page) -> list[float]:
+    """Between the line of the cursor and its dots, pixels, over all plots."""
+    gaps: list[float] = page.run(
+        """(() => {
+          const middle = (e) => { const b = e.getBoundingClientRect(); return b.left + b.width / 2; };
+          return crease.player.plots.panels.flatMap(({ box }) => {
+            const line = middle(box.querySelector(".u-cursor-x"));
+            return [...box.querySelectorAll(".u-cursor-pt")].map((dot) => Math.abs(middle(dot) - line));
+          });
+        })()"""
+    )
+    return gaps
+
+
+def test_the_cursor_and_its_dots_stay_together_when_the_window_narrows(page: Page) -> None:
+    page.seek(700)
+    settle = "new Promise((done) => setTimeout(() => done(0), 400))"
+    for width in (1000, 1440, 700):
+        page.resize(width, 900)
+        page.run(settle)
+        assert len(cursor_gaps(page)) > 10
+        assert max(cursor_gaps(page)) < 2.0, width
+    page.run("crease.player.plots.zoom(0.3, 0.9)")
+    page.run(settle)
+    assert max(cursor_gaps(page)) < 2.0
+
+
+def test_the_page_opens_at_a_jump_and_goes_to_the_next(page: Page, tables: list[Path]) -> None:
+    zones, fixed45 = (read_table(path) for path in tables)
+
+    def apart_deg(tick: int) -> float:
+        a, b = ([t[f"f{axis}_N"][tick] for axis in "xyz"] for t in (zones, fixed45))
+        return float(np.degrees(np.arccos(np.dot(a, b) / np.linalg.norm(a) / np.linalg.norm(b))))
+
+    start = page.run("crease.player.frame")
+    jumps = page.run("crease.player.jumps")
+    assert start in jumps
+    assert apart_deg(start) > 40.0
+    assert page.run("crease.player.replays[1].turn_deg[crease.player.frame]") > 40.0
+    seen = []
+    for _ in jumps:
+        page.run("document.getElementById('jump').click()")
+        seen.append(page.run("crease.player.frame"))
+    assert sorted(seen) == jumps
+    assert seen[-1] == start
+    page.press("J", shift=True)
+    assert page.run("crease.player.frame") == seen[-2]
+    assert page.run("crease.player.header.replays[0].jumps") == []  # the zones turn it steadily
+
+
+def test_numbers_of_the_pane_are_those_of_the_tick(page: Page, tables: list[Path]) -> None:
+    table = read_table(tables[1])
+    tick = page.run("crease.player.frame")
+    texts: list[list[str]] = page.run(
+        "[...crease.player.panes[1].told.querySelectorAll('tr')].map((r) => [...r.cells].map((c) => c.textContent))"
+    )
+    told = {row[0]: row[1] for row in texts if len(row) == 2}
+    torque = [table[f"t{axis}_Nm"][tick] for axis in "xyz"]
+    assert told["torque"] == f"{1e3 * np.linalg.norm(torque):.1f} mN m"
+    force_N = np.stack([table[f"f{axis}_N"] for axis in "xyz"], axis=1)
+    moved = np.linalg.norm([table[f"{a}_m"][tick] - table[f"{a}_m"][tick - 1] for a in "xyz"])
+    step = np.linalg.norm(force_N[tick] - force_N[tick - 1])
+    assert float(told["amplification"]) == pytest.approx(step / (1000.0 * moved), rel=0.01)
+    points = [row for row in texts if len(row) == 5]
+    assert points[0] == ["x, mm", "y", "z", "depth", "N"]
+    assert len(points) == 1 + table["areas"][tick]
+    assert float(points[1][3]) == pytest.approx(1e3 * table["depth_m"][tick], abs=0.006)
+    assert float(points[1][4]) == pytest.approx(np.linalg.norm(force_N[tick]), abs=0.006)
+    page.press("l")
+    assert page.run("crease.player.panes[1].points.rows.length") == 0
+
+
+def test_torque_and_path_are_drawn(page: Page) -> None:
+    page.seek(700)
+    page.run("crease.draw()")
+    assert page.run("crease.player.stage.ring.group.visible") is True
+    steps, perStep = page.run(
+        "((r) => [r.tube.drawRange.count, r.perStep])(crease.player.stage.ring)"
+    )
+    torque, most = page.run(
+        "((s) => [vector(crease.player.replays[1].torque_Nm, 700).length(), s.torque_max_Nm])"
+        "(crease.player.stage)"
+    )
+    assert steps / perStep == pytest.approx(96 * torque / most, abs=0.51)
+    before, after = PICTURES / "corner_no_path.png", PICTURES / "corner_path.png"
+    page.picture(before)
+    page.press("p")
+    page.seek(700)
+    page.picture(after)
+    blue = (0, 114, 178)
+    assert count_near(colours_of(after), blue) > count_near(colours_of(before), blue) + 30
+
+
+def test_legend_names_the_zones_touched_and_no_colour_twice(page: Page) -> None:
+    def legend() -> str:
+        text: str = page.run("document.getElementById('zones').textContent")
+        return text
+
+    page.seek(0)
+    assert legend() == "no zone is touched"
+    page.seek(1000)
+    assert legend().count("zone on patch") == 2
+    colours = page.run("Array.from({ length: 60 }, (_, i) => zoneColour(i))")
+    assert len(set(colours)) == 60
+
+
+def test_forces_of_several_areas_are_drawn_each(crease: Run, tmp_path: Path) -> None:
+    scene, out, html = BUILD / "scenes/part_spanner.crs", tmp_path / "s.npz", tmp_path / "s.html"
+    path = BUILD / "meshes/part_spanner.csv"
+    for words in (("replay", scene, path, "-o", out), ("view", out, "--scene", scene, "-o", html)):
+        said = crease(*words)
+        assert said.status == 0, said.err
+    table = read_table(out)
+    tick = int(np.argmax(np.asarray(table["areas"])))
+    with Page() as tab:
+        tab.open(html)
+        tab.seek(tick)
+        tab.run("crease.draw()")
+        shown = tab.run("crease.player.stage.parts.filter((p) => p.group.visible).length")
+        assert shown == table["areas"][tick] > 1
+        sums = tab.run(
+            "((r, at) => { const sum = new THREE.Vector3(); for (let i = r.area_at[at]; i < r.area_at[at + 1]; i++)"
+            f" sum.add(vector(r.area_force_N, i)); return sum.toArray(); }})(crease.player.replays[0], {tick})"
+        )
+        assert sums == pytest.approx([table[f"f{a}_N"][tick] for a in "xyz"], abs=0.01)
+        assert tab.complaints == []
+
+
 def test_keys_step_and_play(page: Page) -> None:
     assert page.run("crease.player.replays[0].areas[crease.player.frame]") > 0  # opens in contact
     for key, shift, frame in (

@@ -6,8 +6,8 @@ import numpy as np
 from crease.base.attitude import to_matrix
 from crease.base.native import ffi
 from crease.base.records import record
-from crease.draw.view.contacts import ZONE
 from crease.loop.hil import MECHANISM
+from crease.replay.contacts import ZONE
 from crease.replay.recording import RECORD
 
 

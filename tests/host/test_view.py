@@ -17,14 +17,18 @@ from crease.base.errors import CreaseError, SceneError
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene, meshes_path, open_scene
 from crease.base.table import read_table, write_table
-from crease.draw.view.contacts import (
+from crease.draw.plot import forces_N
+from crease.draw.view.felt import amplifications, areas_of, jumps, stiffness_N_m
+from crease.draw.view.pack import LIMIT, Packer
+from crease.draw.view.scripts import load_scripts
+from crease.replay.contacts import (
     NO_PATCH,
     Contacts,
     find_contacts,
     tool_samples_m,
 )
-from crease.draw.view.pack import LIMIT, Packer
-from crease.draw.view.scripts import load_scripts
+from crease.replay.measures import angle_deg
+from crease.replay.replay import ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import check_rows, load_trajectory
 from host_tools import Run, write_path
 
@@ -342,3 +346,56 @@ def test_free_path_makes_a_page(folder: Path, scene_crs: Path, crease: Run) -> N
     assert crease("replay", scene_crs, path, "-o", out).status == 0
     said = crease("view", out, "--scene", scene_crs, "-o", page)
     assert said.status == 0, said.err
+
+
+def test_times_of_a_replay_are_the_least_of_its_repeats(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from crease.replay import replay
+
+    calls: list[int] = []
+    run = replay.World.run
+
+    def late_once(self: replay.World, *args: Any) -> Any:
+        rows = run(self, *args)
+        calls.append(len(rows))
+        rows["tick_ns"][len(calls)] = 5_000_000  # the scheduler came, each time in another tick
+        return rows
+
+    monkeypatch.setattr(replay.World, "run", late_once)
+    out = folder / "repeats.npz"
+    assert crease("replay", scene_crs, press_csv, "-o", out).status == 0
+    assert len(calls) == 5
+    assert read_table(out)["tick_ns"].max() < 5_000_000
+    assert crease("replay", scene_crs, press_csv, "-o", out, "--force", "--repeat", "1").status == 0
+    assert read_table(out)["tick_ns"].max() == 5_000_000
+
+
+@pytest.mark.parametrize(("response", "damping"), [("zones", 0), ("fixed45", 0), ("zones", 5)])
+def test_forces_of_the_areas_make_the_force_of_the_table(response: str, damping: int) -> None:
+    scene = open_scene(BUILD / "scenes" / "part_spanner.crs")
+    path = load_trajectory(BUILD / "meshes" / "part_spanner.csv")
+    options = ReplayOptions(700.0, damping, response)
+    table = to_columns(path, run_path(scene, path, options))
+    assert stiffness_N_m(table) == pytest.approx(700.0, rel=0.01)
+    areas = areas_of(scene, path, "soft", table)
+    assert np.array_equal(areas.counts, table["areas"])
+    force_N = forces_N(table)
+    total_N = np.array([areas.of(i)["force_N"].sum(axis=0) for i in range(len(path))])
+    assert np.linalg.norm(total_N, axis=1) == pytest.approx(
+        np.linalg.norm(force_N, axis=1), abs=1e-4
+    )
+    off_deg = angle_deg(total_N, force_N)
+    if damping == 0:
+        assert off_deg.max() < 0.01
+    else:  # it is shared among the areas in another way
+        assert np.percentile(off_deg, 95) < 5.0
+
+
+def test_a_jump_is_the_largest_of_its_neighbours() -> None:
+    force_N = np.zeros((100, 3))
+    force_N[10:, 0], force_N[12:, 0], force_N[50:, 0] = 1.0, 3.0, 2.5
+    amplification = amplifications(force_N, 1000.0, np.full(99, 1e-5))
+    assert amplification[[9, 10, 12, 50]].tolist() == pytest.approx([0.0, 100.0, 200.0, 50.0])
+    assert jumps(force_N, amplification).tolist() == [12, 50]
+    assert jumps(force_N, amplification / 51.0).tolist() == []

@@ -33,7 +33,7 @@ def replay_both(spec: SceneSpec, images: Path, out: Path) -> dict[str, dict[str,
     tables = {}
     for response in NAMES:
         options = ReplayOptions(stiffness_N_m=spec.stiffness_N_m, response=response)
-        tables[response] = to_columns(path, run_path(scene, path, options))
+        tables[response] = to_columns(path, run_path(scene, path, options, repeat=5))
         write_table(out / f"{spec.name}.{response}.csv", tables[response])
     return tables
 

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease import _sim
+from crease._sim import ffi as sim_ffi
+from crease._sim import lib as sim_lib
 from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.records import record
@@ -150,7 +151,7 @@ class Loop:
         self._far.sim = _pointer("void *", self.drives.c)
         self._far.wire = _pointer("void *", self._wire.c)
         for name in ("wire_put", "wire_get", "sim_target", "sim_read"):
-            address = _sim.ffi.addressof(_sim.lib, f"cr_{name}")
+            address = sim_ffi.addressof(sim_lib, f"cr_{name}")
             setattr(self._far, name.split("_")[1], _pointer("cr_lockstep_fn", address))
         self._records: list[npt.NDArray[Any]] = []
         self._rows: list[npt.NDArray[Any]] = []
@@ -171,7 +172,7 @@ class Loop:
 
     def bump(self, impulse_Ns: F64) -> None:
         """Knock against the tip, frame of the base."""
-        _sim.lib.cr_sim_bump(self.drives.c, [float(v) for v in impulse_Ns])
+        sim_lib.cr_sim_bump(self.drives.c, [float(v) for v in impulse_Ns])
 
     def _see(self, at_ns: int, frame: Any) -> None:
         if self.on_frame is not None:
@@ -227,6 +228,16 @@ class Loop:
             why = ", ".join(fault_names(int(status.faults))) or "the drives do not come up"
             raise LoopError(f"the loop did not reach idle after {self.ticks} ticks: {why}")
 
+    def latest(self, ticks: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Records and rows of the last run, at most `ticks`; they are views."""
+        return self._records[-1][-ticks:], self._rows[-1][-ticks:]
+
+    def drain(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Records and rows since the last call; they are not kept."""
+        rows = [*self._records, np.zeros(0, RECORD)], [*self._rows, np.zeros(0, MECHANISM)]
+        self._records, self._rows = [], []
+        return np.concatenate(rows[0]), np.concatenate(rows[1])
+
     def result(self, path_start: int = 0) -> LoopResult:
         """Everything so far."""
         # As bytes: what C leaves free at the end of a record is copied too, and a recording is the same every time.
@@ -238,7 +249,7 @@ class Loop:
 
 def _pointer(kind: str, value: Any) -> Any:
     """An address of one extension in the types of the other."""
-    return ffi.cast(kind, int(_sim.ffi.cast("uintptr_t", value)))
+    return ffi.cast(kind, int(sim_ffi.cast("uintptr_t", value)))
 
 
 def run_inprocess(

@@ -24,6 +24,7 @@ _PARTS = {
     "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    "sensor_msgs/PointField": "string name\nuint32 offset\nuint8 datatype\nuint32 count\n",
     "geometry_msgs/TransformStamped": "std_msgs/Header header\nstring child_frame_id\n"
     "geometry_msgs/Transform transform\n",
 }
@@ -35,6 +36,9 @@ _WHOLE = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "sensor_msgs/msg/JointState": _STAMPED
     + "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n",
+    "sensor_msgs/msg/PointCloud2": _STAMPED
+    + "uint32 height\nuint32 width\nsensor_msgs/PointField[] fields\nbool is_bigendian\n"
+    + "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n",
     "crease_msgs/msg/Contact": _STAMPED
     + "float64 depth_m\ngeometry_msgs/Vector3 normal\nuint32 areas\nuint32 zones\nuint32 contacts\nuint32 tick_ns\n",
     "crease_msgs/msg/ServoState": _STAMPED
@@ -76,6 +80,16 @@ class Message:
     def uint32(self, *values: int) -> Message:
         """Whole numbers."""
         return self._put(f"{len(values)}I", *values)
+
+    def uint8(self, value: int) -> Message:
+        """A byte, or a truth value."""
+        return self._put("B", value)
+
+    def octets(self, data: bytes) -> Message:
+        """A sequence of bytes, with its length before."""
+        self.uint32(len(data))
+        self._bytes += data
+        return self
 
     def float64(self, values: Iterable[float]) -> Message:
         """Numbers one after the other: a vector, a quaternion x y z w."""

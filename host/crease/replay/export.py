@@ -9,10 +9,12 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.errors import CreaseError, TableError
+from crease.base.errors import CreaseError, SceneError, TableError
+from crease.base.scene import Scene
 from crease.base.table import Column, read_table, write_atomic, write_table
 from crease.base.version import VERSION
 from crease.replay.cdr import Message, definition
+from crease.replay.clouds import contact_topics, options_of_recording, path_of_recording
 from crease.replay.recording import (
     Recording,
     fault_names,
@@ -20,8 +22,12 @@ from crease.replay.recording import (
     limit_names,
     load_recording,
     mode_names,
+    scene_crc32,
     to_columns,
 )
+from crease.replay.replay import ReplayOptions
+from crease.replay.replay import to_columns as tick_columns
+from crease.replay.trajectory import Trajectory
 
 FORMATS = ("mcap", "csv", "npz", "parquet")
 WORLD, TOOL, ORIGIN, BASE = "world", "tool", "tool_origin", "device"
@@ -56,17 +62,46 @@ def load(path: Path) -> tuple[Columns, Recording | None]:
     return columns, None
 
 
-def export(path: Path, kind: str, out: Path) -> int:
-    """Write `out` in one of FORMATS, whole or not at all.   Output: ticks.   Errors: CreaseError."""
+def export(path: Path, kind: str, out: Path, scene: Scene | None = None) -> int:
+    """Write `out` in one of FORMATS, whole or not at all.   Output: ticks.   Errors: CreaseError.
+
+    scene: of a recording, for MCAP with contact points.
+    """
     columns, recording = load(path)
-    if kind == "mcap":
-        topics = recording_topics(recording) if recording else table_topics(columns, path)
-        _write_mcap(out, columns["t_s"], topics)
+    if scene is not None and (kind != "mcap" or recording is None):
+        raise TableError(
+            f"{path}: contact points (--scene) go from a recording to MCAP; a table's: `crease replay -o OUT.mcap`"
+        )
+    if kind == "mcap" and recording is not None:
+        write_recording(out, recording, scene)
+    elif kind == "mcap":
+        _write_mcap(out, columns["t_s"], table_topics(columns, path))
     elif kind == "parquet":
         _write_parquet(out, columns)
     else:
         write_table(out, columns)
     return len(columns["t_s"])
+
+
+def write_recording(out: Path, recording: Recording, scene: Scene | None = None) -> None:
+    """A recording as MCAP; with its scene also what was touched.   Errors: CreaseError, also for another scene."""
+    topics = recording_topics(recording)
+    if scene is not None:
+        if recording.scene_crc32 != scene_crc32(scene):
+            raise SceneError(
+                f"{scene.source}: is not the scene that {recording.source} was recorded with"
+            )
+        path, options = path_of_recording(recording), options_of_recording(recording)
+        topics |= contact_topics(scene, path, options, recording.rows["areas"])
+    _write_mcap(out, to_columns(recording.rows)["t_s"], topics)
+
+
+def write_replay(
+    out: Path, scene: Scene, path: Trajectory, rows: npt.NDArray[Any], options: ReplayOptions
+) -> None:
+    """A replay as MCAP, with what was touched.   rows: of `run_path`.   Errors: CreaseError."""
+    topics = table_topics(tick_columns(path, rows), out) | contact_topics(scene, path, options)
+    _write_mcap(out, path.t_s, topics)
 
 
 def _matrix(columns: Columns, names: tuple[str, ...]) -> npt.NDArray[np.float64] | None:

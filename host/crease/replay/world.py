@@ -225,6 +225,11 @@ class World:
         self._out = Output(memory)
         self._tick = lib.cr_tick
 
+    @property
+    def handle(self) -> Any:
+        """The cffi `cr_world *`, for functions of the library. Another one after `reset`."""
+        return self._handle
+
     def tick(self, pose: npt.ArrayLike, period_s: float = PERIOD_S) -> Output:
         """One tick: where the tool is now, and how long since the last tick.
 

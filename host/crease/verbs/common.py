@@ -105,7 +105,7 @@ def metres(option: Callable[[float], float] | None, bare_m: float) -> float | No
     return option(bare_m) if option else None
 
 
-def add_stiffness(parser: argparse.ArgumentParser) -> None:
+def add_stiffness(parser: argparse._ActionsContainer) -> None:
     """--stiffness: of the contact."""
     parser.add_argument(
         "--stiffness",

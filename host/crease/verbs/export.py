@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from crease.base.scene import open_scene
 from crease.base.table import check_suffix, check_target
 from crease.verbs.common import SubParsers, add_force, add_json, print_either
 
@@ -34,6 +35,12 @@ def add_parser(sub: SubParsers) -> None:
         type=Path,
         help="(default: FILE with the suffix of the format)",
     )
+    parser.add_argument(
+        "--scene",
+        metavar="SCENE.crs",
+        type=Path,
+        help="of a recording to MCAP: contact points and areas too",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
@@ -46,6 +53,7 @@ def run(args: argparse.Namespace) -> None:
     out = args.output or args.input.with_suffix(f".{args.to}")
     check_suffix(out, (f".{args.to}",))
     check_target(out, args.force, (args.input,))
-    ticks = export(args.input, args.to, out)
+    scene = None if args.scene is None else open_scene(args.scene)
+    ticks = export(args.input, args.to, out, scene)
     report: dict[str, object] = {"output": str(out), "ticks": ticks, "bytes": out.stat().st_size}
     print_either(args.json, report, [("output", str(out)), ("ticks", f"{ticks:,}")])

@@ -60,7 +60,12 @@ def add_parser(sub: SubParsers) -> None:
         help="of socketcan, where the interface sets it: 1000000",
     )
     parser.add_argument(
-        "-o", "--output", metavar="OUT.crr", type=Path, required=True, help="the recording"
+        "-o",
+        "--output",
+        metavar="OUT.crr",
+        type=Path,
+        required=True,
+        help="the recording; or OUT.mcap: ROS 2 messages with contact points and areas",
     )
     parser.add_argument(
         "--table", metavar="OUT.csv", type=Path, help="the ticks of the path as CSV or NPZ"
@@ -110,7 +115,7 @@ def run(args: argparse.Namespace) -> None:
     from crease.replay.recording import SUFFIX, recording_bytes
     from crease.verbs.sim import parse_fault
 
-    check_suffix(args.output, (SUFFIX,))
+    check_suffix(args.output, (SUFFIX, ".mcap"))
     check_target(args.output, args.force, (args.scene, args.operator))
     if args.table is not None:
         check_suffix(args.table, (".csv", ".npz"))
@@ -134,7 +139,12 @@ def run(args: argparse.Namespace) -> None:
             if parse_fault(text).tick >= len(rows)
         ]
     )
-    write_bytes(args.output, recording_bytes(rows, result.recording.config, scene))
+    if args.output.suffix == ".mcap":
+        from crease.replay.export import write_recording
+
+        write_recording(args.output, result.recording, scene)
+    else:
+        write_bytes(args.output, recording_bytes(rows, result.recording.config, scene))
     if args.table is not None:
         write_table(args.table, _table(result))
     report = {"output": str(args.output), "transport": args.interface, **describe(result)}

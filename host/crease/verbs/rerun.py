@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 
 from crease.base.errors import RecordingError
 from crease.base.scene import open_scene
@@ -20,7 +21,12 @@ def run(args: argparse.Namespace) -> None:
     start_s = time.monotonic()
     scene, recording = open_scene(args.scene), load_recording(args.path)
     result = rerun(recording, scene)
-    write_table(args.output, to_columns(result.rows))
+    if args.output.suffix == ".mcap":
+        from crease.replay.export import write_recording
+
+        write_recording(args.output, replace(recording, rows=result.rows), scene)
+    else:
+        write_table(args.output, to_columns(result.rows))
     warnings = cut_warning(recording)
     if result.gap:
         warnings.append(

@@ -1,52 +1,102 @@
-"""`crease view`: tables of ticks as one page that shows the tool, the force and what is touched."""
+"""`crease view`: replays as one page, a path before it is replayed, the loop while it runs."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from crease.base.scene import open_scene
+from crease.base.errors import CreaseError
+from crease.base.native import RESPONSES
+from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, read_table, write_bytes
-from crease.verbs.common import SubParsers, add_force, add_json, print_either, warn
+from crease.verbs.common import (
+    SubParsers,
+    add_force,
+    add_json,
+    add_stiffness,
+    number,
+    print_either,
+    warn,
+    whole_in,
+)
 from crease.verbs.plot import labels
+
+if TYPE_CHECKING:
+    from crease.draw.view import Replay
 
 
 def add_parser(sub: SubParsers) -> None:
     """The command line of the verb."""
     parser = sub.add_parser(
         "view",
-        help="a page that shows replays move",
+        help="a page that shows replays move, a path before, or the loop while it runs",
         description="Make one HTML page that opens from disk: obstacle, moving tool, force arrow, contact areas "
-        "and zones, plots with a common cursor. Several replays stand side by side.",
+        "and zones, plots with a common cursor. Several replays stand side by side. SCENE.crs PATH.csv shows where a "
+        "path will touch before any replay. --live serves the closed loop to a browser on this machine: the mouse is "
+        "the hand, or leads the tool off PATH.csv.",
     )
-    parser.add_argument("tables", metavar="OUT.csv", type=Path, nargs="+", help="tables of replay")
+    parser.add_argument(
+        "files",
+        metavar="FILE",
+        type=Path,
+        nargs="+",
+        help="tables of replay with --scene; or SCENE.crs, then paths or tables",
+    )
     parser.add_argument(
         "--scene",
         metavar="SCENE.crs",
         type=Path,
-        required=True,
         help="the image that was replayed, with SCENE.crs.glb that bake wrote beside it",
     )
-    parser.add_argument(
-        "-o", "--output", metavar="REPLAY.html", type=Path, required=True, help="the page"
-    )
+    parser.add_argument("-o", "--output", metavar="REPLAY.html", type=Path, help="the page")
     parser.add_argument("--title", help="heading of the page (default: names of the tables)")
+    live = parser.add_argument_group("the loop while it runs")
+    live.add_argument("--live", action="store_true", help="serve the loop; ends with Ctrl-C")
+    add_stiffness(live)
+    live.add_argument(
+        "--response", choices=list(RESPONSES), default="zones", help="as for `crease replay`"
+    )
+    live.add_argument(
+        "--port",
+        metavar="N",
+        type=whole_in(0, 65535),
+        default=0,
+        help="of 127.0.0.1 (default: a free one)",
+    )
+    live.add_argument(
+        "--seconds", metavar="S", type=number(0.1, 1e6), help="end after this long (default: never)"
+    )
+    live.add_argument("--no-open", action="store_true", help="say the address, open no browser")
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError for tables that cannot be read or are of another scene, or a page that cannot be written."""
-    from crease.draw.view import Replay, make_page
+    """Errors: CreaseError for files that cannot be read or are of another scene, or a page that cannot be written."""
+    files = list(args.files)
+    if args.scene is None:
+        if files[0].suffix != ".crs":
+            raise CreaseError(
+                f"{files[0]}: of which scene? give --scene SCENE.crs, or SCENE.crs first"
+            )
+        args.scene = files.pop(0)
+    if args.live:
+        from crease.verbs import live
 
+        live.run(args, files)
+        return
+    from crease.draw.view import make_page
+
+    if args.output is None:
+        raise CreaseError(f"{args.scene}: name the page with -o PAGE.html, or give --live")
+    if not files:
+        raise CreaseError(f"{args.scene}: give a path or a table to show with it, or --live")
     check_suffix(args.output, (".html", ".htm"))
-    check_target(args.output, args.force, (args.scene, *args.tables))
+    check_target(args.output, args.force, (args.scene, *files))
     scene = open_scene(args.scene)
-    replays = [
-        Replay(name, read_table(path))
-        for name, path in zip(labels(args.tables), args.tables, strict=True)
-    ]
+    replays = [_replay(scene, name, path) for name, path in zip(labels(files), files, strict=True)]
     page = make_page(replays, scene, args.title or ", ".join(replay.name for replay in replays))
     warn(page.warnings)
     write_bytes(args.output, page.text.encode("utf-8"))
@@ -59,3 +109,16 @@ def run(args: argparse.Namespace) -> None:
             ("replays", f"{len(replays)}, {report['ticks']:,} ticks"),
         ],
     )
+
+
+def _replay(scene: Scene, name: str, path: Path) -> Replay:
+    """A table as it is; a path, which has no answers yet, with those of the default settings."""
+    from crease.draw.view import Replay
+    from crease.replay.replay import run_path, to_columns
+    from crease.replay.trajectory import COLUMNS, load_trajectory
+
+    table = read_table(path)
+    if set(table) != set(COLUMNS):
+        return Replay(name, table)
+    rows = load_trajectory(path)
+    return Replay(name, to_columns(rows, run_path(scene, rows, repeat=5)), preview=True)

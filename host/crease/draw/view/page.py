@@ -16,10 +16,11 @@ from crease.bake.bodies import Body, read_bodies, reduce_body
 from crease.base.errors import SceneError, TableError
 from crease.base.native import COVERAGES
 from crease.base.scene import Scene
-from crease.draw.plot import forces_N, turn_deg
-from crease.draw.view.contacts import NO_PATCH, Contacts, find_contacts, tool_samples_m
+from crease.draw.plot import forces_N, torques_Nm, turn_deg
+from crease.draw.view.felt import amplifications, areas_of, jumps, moved_m, start_s, stiffness_N_m
 from crease.draw.view.pack import Packer
 from crease.draw.view.scripts import load_scripts
+from crease.replay.contacts import NO_PATCH, Contacts, find_contacts, tool_samples_m
 from crease.replay.replay import COLUMNS
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
 from crease.replay.trajectory import Trajectory, check_rows
@@ -33,7 +34,7 @@ TRIANGLES_MAX = 120_000
 TICKS_MAX = 1_000_000
 """Longest replay that a browser holds with ease."""
 
-OURS = ("decode.js", "scene.js", "plots.js", "player.js")
+OURS = ("decode.js", "scene.js", "plots.js", "list.js", "player.js")
 """Our scripts, in the order in which they are run."""
 
 FOLDER = Path(__file__).parent
@@ -41,6 +42,7 @@ VIEW_SPAN = 1.1
 """Half the height of the first picture, in lengths from its middle to the far side of the tool."""
 
 _POSITION_M, _ANGLE, _FORCE_N, _DEPTH_M, _TIME_S, _TURN_DEG = 1e-6, 1e-6, 1e-4, 1e-7, 1e-6, 1e-3
+_TORQUE_NM, _SHARE, _POINT_M = 1e-6, 1e-3, 1e-5
 """Resolutions: well below what a picture shows."""
 
 
@@ -50,6 +52,8 @@ class Replay:
 
     name: str
     table: Mapping[str, npt.NDArray[Any]]
+    preview: bool = False
+    """The table answers with the default settings to a path that nobody has replayed yet."""
 
 
 @dataclass(frozen=True)
@@ -146,19 +150,31 @@ def _contacts_of(made: _Made, replay: Replay, path: Trajectory) -> int:
     return best
 
 
-def _add_replay(made: _Made, key: str, replay: Replay, path: Trajectory) -> None:
+def _add_replay(
+    made: _Made, key: str, replay: Replay, path: Trajectory, coverage: str
+) -> dict[str, Any]:
+    """What the header says of a replay: its stiffness and its jumps."""
     packer, table = made.packer, replay.table
-    force_N = forces_N(table)
+    force_N, stiffness = forces_N(table), stiffness_N_m(table)
     shift_m = np.stack([table[f"d{axis}_m"] for axis in "xyz"], axis=1) - path.position_m
+    amplification = amplifications(force_N, stiffness, moved_m(made.scene, path))
+    areas = areas_of(made.scene, path, coverage, table)
     packer.add_numbers(f"{key}.t_s", path.t_s - path.t_s[0], _TIME_S)
     packer.add_numbers(f"{key}.position_m", path.position_m, _POSITION_M)
     packer.add_numbers(f"{key}.quaternion", path.rows[:, 4:], _ANGLE)
     packer.add_numbers(f"{key}.shift_m", shift_m, _POSITION_M)
     packer.add_numbers(f"{key}.force_N", force_N, _FORCE_N)
+    packer.add_numbers(f"{key}.torque_Nm", torques_Nm(table), _TORQUE_NM)
     packer.add_numbers(f"{key}.depth_m", table["depth_m"], _DEPTH_M)
     packer.add_numbers(f"{key}.turn_deg", np.nan_to_num(turn_deg(force_N), nan=-1.0), _TURN_DEG)
+    packer.add_numbers(f"{key}.amplification", amplification, _SHARE)
     for name in ("tick_ns", "areas", "zones", "contacts"):
         packer.add_integers(f"{key}.{name}", np.minimum(table[name], 1 << 29))
+    packer.add_integers(f"{key}.area_count", areas.counts)
+    packer.add_numbers(f"{key}.area_point_m", areas.areas["point_m"], _POINT_M)
+    packer.add_numbers(f"{key}.area_force_N", areas.areas["force_N"], 10 * _FORCE_N)
+    packer.add_numbers(f"{key}.area_depth_m", areas.areas["depth_m"], 10 * _DEPTH_M)
+    return {"stiffness_N_m": stiffness, "jumps": jumps(force_N, amplification).tolist()}
 
 
 def _add_contacts(made: _Made, key: str, contacts: Contacts, patches: list[int]) -> None:
@@ -190,7 +206,8 @@ def _patches(made: _Made, used: Sequence[int]) -> list[int]:
     return [int(p) for p in patches[np.argsort(-counts, kind="stable")]]
 
 
-def _add_body(packer: Packer, key: str, body: Body) -> None:
+def add_body(packer: Packer, key: str, body: Body) -> None:
+    """A body under `key`, to a picture's precision."""
     size_m = float(np.abs(body.vertices_m).max())
     packer.add_numbers(f"{key}.vertices_m", body.vertices_m, size_m / 65536)
     packer.add_integers(f"{key}.triangles", body.triangles)
@@ -232,30 +249,32 @@ def _camera(scene: Scene, path: Trajectory, contacts: Contacts) -> dict[str, obj
     }
 
 
-def _start_s(path: Trajectory, contacts: Contacts) -> float:
-    """Where the page opens: halfway through the contact, so that the first picture shows a force."""
-    touching = np.flatnonzero(contacts.ticks["areas"] > 0)
-    at = int(touching[len(touching) // 2]) if len(touching) else 0
-    return float(path.t_s[at] - path.t_s[0])
-
-
-def _fill(title: str, header: dict[str, object], data: str) -> str:
-    """The template with everything in its place."""
+def fill(template: str, parts: Mapping[str, str]) -> str:
+    """A template with everything in its place: `parts`, and the libraries.   Errors: CreaseError without those."""
     scripts = load_scripts()
-    text = (FOLDER / "page.html").read_text(encoding="utf-8")
-    ours = "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in OURS)
-    parts = {
-        "TITLE": html.escape(title),
-        "STYLE": scripts.uplot_css + (FOLDER / "page.css").read_text(encoding="utf-8"),
+    whole = {
         "THREE": scripts.three,
         "UPLOT": scripts.uplot,
         "NOTICE": html.escape(scripts.notice),
-        "OURS": ours,
-        "HEADER": json.dumps(header, allow_nan=False).replace("<", "\\u003c"),
-        "DATA": data,
+        **parts,
+        "STYLE": scripts.uplot_css + parts["STYLE"],
     }
-    pieces = text.split("@@")
-    return "".join(parts[p] if i % 2 else p for i, p in enumerate(pieces))
+    pieces = template.split("@@")
+    return "".join(whole[p] if i % 2 else p for i, p in enumerate(pieces))
+
+
+def _fill(title: str, header: dict[str, object], data: str) -> str:
+    """The page of replays."""
+    return fill(
+        (FOLDER / "page.html").read_text(encoding="utf-8"),
+        {
+            "TITLE": html.escape(title),
+            "STYLE": (FOLDER / "page.css").read_text(encoding="utf-8"),
+            "OURS": "\n".join((FOLDER / name).read_text(encoding="utf-8") for name in OURS),
+            "HEADER": json.dumps(header, allow_nan=False).replace("<", "\\u003c"),
+            "DATA": data,
+        },
+    )
 
 
 def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
@@ -274,22 +293,26 @@ def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
     index = [_contacts_of(made, *pair) for pair in zip(replays, paths, strict=True)]
     used = sorted(set(index))
     patches = _patches(made, used)
-    for i, (replay, path) in enumerate(zip(replays, paths, strict=True)):
-        _add_replay(made, f"replay{i}", replay, path)
+    found = [
+        _add_replay(made, f"replay{i}", replay, path, made.contacts[index[i]][1])
+        for i, (replay, path) in enumerate(zip(replays, paths, strict=True))
+    ]
     for i in used:
         _add_contacts(made, f"contacts{i}", made.contacts[i][2], patches)
     drawn = {"static": reduce_body(static, TRIANGLES_MAX), "tool": reduce_body(tool, TRIANGLES_MAX)}
     for name, body in drawn.items():
-        _add_body(made.packer, name, body)
+        add_body(made.packer, name, body)
     made.packer.add_numbers("samples_m", tool_samples_m(scene), _POSITION_M)
     header: dict[str, object] = {
         "title": title,
         "replays": [
-            {"name": r.name, "contacts": f"contacts{i}"}
-            for r, i in zip(replays, index, strict=True)
+            {"name": r.name, "contacts": f"contacts{i}", "preview": r.preview, **more}
+            for r, i, more in zip(replays, index, found, strict=True)
         ],
         "patches": patches,
-        "start_s": _start_s(paths[0], made.contacts[index[0]][2]),
+        "start_s": start_s(
+            [replay.table for replay in replays], [np.array(m["jumps"], np.int64) for m in found]
+        ),
         "arrays": made.packer.header,
         "camera": _camera(scene, paths[0], made.contacts[index[0]][2]),
         "tool_radius_m": float(scene.meta.root_radius_m),

@@ -37,12 +37,11 @@ class Player {
     }
     this.plots = new Plots(find("plots"), header, data, (t) => this.seek(tickAt(this.times, t)));
     this.makeControls();
-    this.makeLegend();
     new ResizeObserver(() => this.layout()).observe(find("stage"));
     this.setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
-    this.layout();
     const asked = new URLSearchParams(location.hash.slice(1)).get("frame");
     this.seek(asked === null ? tickAt(this.times, header.start_s) : Number(asked) || 0);
+    this.layout();
     const loop = (now) => {
       this.advance(now);
       this.draw();
@@ -52,7 +51,7 @@ class Player {
   }
 
   makePanes() {
-    this.panes = this.header.replays.map(({ name }, i) => {
+    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview }, i) => {
       const pane = find("panes").appendChild(document.createElement("div"));
       pane.className = "pane";
       const told = pane.appendChild(document.createElement("div"));
@@ -61,13 +60,17 @@ class Player {
       chip.className = "chip";
       chip.style.background = `var(--replay${i})`;
       told.appendChild(document.createElement("b")).textContent = name;
+      if (preview) told.appendChild(document.createElement("p")).textContent = "not replayed yet: zones, 1000 N/m";
       const table = told.appendChild(document.createElement("table"));
-      const values = ["force", "depth", "turn", "tick", "contact"].map((label) => {
+      const values = ["force", "torque", "depth", "turn", "amplification", "tick", "contact"].map((label) => {
         const row = table.insertRow();
         row.insertCell().textContent = label;
+        if (label === "amplification") row.title = `of ${+stiffness_N_m.toPrecision(3)} N/m, the table's stiffness`;
         return row.insertCell();
       });
-      return { pane, values };
+      const points = told.appendChild(document.createElement("table"));
+      points.className = "points";
+      return { pane, told, values, points };
     });
   }
 
@@ -81,6 +84,14 @@ class Player {
     find("colour").addEventListener("click", () => this.setColour(this.by === "zones" ? "areas" : "zones"));
     find("pose").addEventListener("click", () => this.setDisplay(!this.display));
     find("home").addEventListener("click", () => this.stage?.home());
+    find("track").addEventListener("click", () => this.setTrack(!this.withTrack));
+    find("points").addEventListener("click", () => this.setPoints(!this.withPoints));
+    find("jump").addEventListener("click", () => this.jump(1));
+    this.jumps = this.jumpFrames();
+    find("jump").disabled = this.jumps.length === 0;
+    find("jump").title = this.jumps.length ? `${this.jumps.length} where the force jumps (j, back: shift)` : "the force jumps nowhere";
+    this.setTrack(this.header.replays.some(({ preview }) => preview));
+    this.setPoints(innerWidth > 900);
     find("theme").addEventListener("click", () => this.setTheme(!this.dark));
     this.setDisplay(false);
     addEventListener("keydown", (event) => this.key(event));
@@ -92,21 +103,47 @@ class Player {
     const action = {
       " ": () => this.setPlaying(!this.playing), ArrowRight: () => this.seek(this.frame + step), ArrowLeft: () => this.seek(this.frame - step),
       Home: () => this.seek(0), End: () => this.seek(this.frames - 1), c: () => find("colour").click(), d: () => find("pose").click(),
-      r: () => find("home").click(), t: () => find("theme").click(),
+      r: () => find("home").click(), t: () => find("theme").click(), p: () => find("track").click(), l: () => find("points").click(),
+      j: () => this.jump(1), J: () => this.jump(-1),
     }[event.key];
     if (!action) return;
     event.preventDefault();
     action();
   }
 
-  makeLegend() {
-    this.header.patches.slice(0, ZONE_COLOURS.length).forEach((patch, i) => {
-      const item = find("zones").appendChild(document.createElement("span"));
-      item.appendChild(document.createElement("i")).style.background = ZONE_COLOURS[i];
-      item.append(`zone on patch ${patch}`);
+  // Frames where the force of any replay jumps, in order.
+  jumpFrames() {
+    const frames = this.header.replays.flatMap(({ jumps }, i) => jumps.map((tick) => tickAt(this.times, this.replays[i].t_s[tick])));
+    return [...new Set(frames)].sort((a, b) => a - b);
+  }
+
+  // To the next jump, or the one before; round at the end.
+  jump(way) {
+    const { jumps } = this;
+    if (!jumps.length) return;
+    this.setPlaying(false);
+    const next = way > 0 ? jumps.find((at) => at > this.frame) ?? jumps[0] : jumps.findLast((at) => at < this.frame) ?? jumps[jumps.length - 1];
+    this.seek(next);
+  }
+
+  // The zones touched in this tick, each with its colour.
+  tellZones(ticks) {
+    const touched = new Set();
+    ticks.forEach((tick, i) => {
+      const contacts = this.data[this.header.replays[i].contacts];
+      contacts.zone_at ??= starts(contacts.zone_count);
+      for (let k = contacts.zone_at[tick]; k < contacts.zone_at[tick + 1]; k++) if (contacts.zone[k] >= 0) touched.add(contacts.zone[k]);
     });
-    const more = this.header.patches.length - ZONE_COLOURS.length;
-    if (more > 0) find("zones").append(`and ${more} more, colours again`);
+    const shown = [...touched].sort((a, b) => a - b), key = shown.join();
+    if (key === this.legend) return;
+    this.legend = key;
+    find("zones").replaceChildren(...shown.map((zone) => {
+      const item = document.createElement("span");
+      item.appendChild(document.createElement("i")).style.background = zoneColour(zone);
+      item.append(`zone on patch ${this.header.patches[zone]}`);
+      return item;
+    }));
+    if (!shown.length) find("zones").textContent = "no zone is touched";
   }
 
   setPlaying(playing) {
@@ -137,6 +174,22 @@ class Player {
     if (this.stage) this.stage.dirty = true;
   }
 
+  setTrack(on) {
+    this.withTrack = on;
+    find("track").textContent = on ? "path: shown" : "path: hidden";
+    if (!this.stage) return;
+    this.stage.withTrack = on;
+    this.stage.dirty = true;
+  }
+
+  setPoints(on) {
+    this.withPoints = on;
+    find("points").textContent = on ? "points: listed" : "points: not listed";
+    if (this.clock_s === undefined) return;
+    this.seek(this.frame);
+    this.layout();
+  }
+
   // Panes in the grid that gives each the most room.
   layout() {
     const { clientWidth: width, clientHeight: height } = find("stage"), count = this.panes.length;
@@ -145,11 +198,12 @@ class Player {
       const rows = Math.ceil(count / columns), size = Math.min(width / columns, height / rows);
       if (size > best.size) best = { columns, rows, size };
     }
-    const places = this.panes.map(({ pane }, i) => {
+    const places = this.panes.map(({ pane, told }, i) => {
       const across = width / best.columns, down = height / best.rows;
       const place = { x: Math.round((i % best.columns) * across), y: Math.round(Math.floor(i / best.columns) * down) };
       place.width = Math.max(1, Math.round(across));
       place.height = Math.max(1, Math.round(down));
+      place.shift = told.offsetWidth > 0.3 * place.width ? Math.round(0.5 * told.offsetWidth) : 0; // beside the text, not below it
       Object.assign(pane.style, { left: `${place.x}px`, top: `${place.y}px`, width: `${place.width}px`, height: `${place.height}px` });
       return place;
     });
@@ -166,20 +220,35 @@ class Player {
     this.clock_s = this.times[this.frame];
     find("frame").value = this.frame;
     find("clock").textContent = `tick ${this.frame} of ${this.frames - 1}   ${this.times[this.frame].toFixed(3)} s`;
-    this.ticks().forEach((tick, i) => this.tell(this.replays[i], tick, this.panes[i].values));
+    const ticks = this.ticks();
+    ticks.forEach((tick, i) => {
+      this.tell(i, tick, this.panes[i].values);
+      this.list(this.replays[i], tick, this.panes[i].points);
+    });
+    this.tellZones(ticks);
     this.plots.show(this.times[this.frame]);
     if (this.stage) this.stage.dirty = true;
   }
 
-  tell(replay, i, cells) {
-    const turn = replay.turn_deg[i];
+  tell(k, i, cells) {
+    const replay = this.replays[k], turn = replay.turn_deg[i], amplification = replay.amplification[i];
     const plural = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
     const texts = [
-      `${vector(replay.force_N, i).length().toFixed(2)} N`, `${(1000 * replay.depth_m[i]).toFixed(2)} mm`,
-      turn < 0 ? "no force" : `${turn.toFixed(2)} deg`, `${(replay.tick_ns[i] / 1000).toFixed(1)} us`,
+      `${vector(replay.force_N, i).length().toFixed(2)} N`, `${(1000 * vector(replay.torque_Nm, i).length()).toFixed(1)} mN m`,
+      `${(1000 * replay.depth_m[i]).toFixed(2)} mm`, turn < 0 ? "no force" : `${turn.toFixed(2)} deg`,
+      amplification.toFixed(2),
+      `${(replay.tick_ns[i] / 1000).toFixed(1)} us`,
       replay.areas[i] ? `${plural(replay.areas[i], "area")}, ${plural(replay.zones[i], "zone")}` : "none",
     ];
-    texts.forEach((text, k) => { cells[k].textContent = text; });
+    texts.forEach((text, n) => { cells[n].textContent = text; });
+  }
+
+  // Where the tool touches: place, depth and force of each contact area.
+  list(replay, tick, table) {
+    const from = replay.area_at?.[tick] ?? 0, to = this.withPoints ? replay.area_at?.[tick + 1] ?? 0 : 0;
+    listPoints(table, to - from, (k) => ({
+      at: vector(replay.area_point_m, from + k), depth: replay.area_depth_m[from + k], force: vector(replay.area_force_N, from + k).length(),
+    }));
   }
 
   advance(now_ms) {

@@ -14,7 +14,7 @@ const PANELS = [
     lines: (r) => ["x", "y", "z"].map((axis, k) => [axis, column(r.force_N, k, 3), k]) },
   { title: "depth", unit: "mm", digits: 2, lines: (r) => [["", Float64Array.from(r.depth_m, (d) => 1000 * d), 0]] },
   { title: "turn of the force", unit: "deg per tick", digits: 2, lines: (r) => [["", Array.from(r.turn_deg, (v) => (v < 0 ? null : v)), 0]] },
-  { title: "tick cost", unit: "us", digits: 1, log: true, lines: (r) => [["", micro(r.tick_ns), 0]] },
+  { title: "tick cost", unit: "us", note: "least of the repeats", digits: 1, log: true, lines: (r) => [["", micro(r.tick_ns), 0]] },
   { title: "contact zones", unit: "", digits: 0, note: "dashed: areas", steps: true,
     lines: (r) => [["zones", Float64Array.from(r.zones), 0], ["areas", Float64Array.from(r.areas), 1]] },
 ];
@@ -24,6 +24,7 @@ class Plots {
   constructor(holder, header, data, seek) {
     this.seek = seek;
     this.replays = header.replays.map((_, i) => data[`replay${i}`]);
+    this.time_s = 0;
     this.end_s = Math.max(...this.replays.map((r) => r.t_s[r.t_s.length - 1]));
     this.panels = PANELS.map((panel) => this.makePanel(holder, panel));
     new ResizeObserver(() => this.fit()).observe(holder);
@@ -51,6 +52,7 @@ class Plots {
       series,
       cursor: { y: false, points: { size: 6 }, drag: { x: false, y: false }, bind: Object.fromEntries(
         ["mousedown", "mouseup", "click", "dblclick", "mousemove", "mouseleave", "mouseenter"].map((kind) => [kind, () => null])) },
+      hooks: { draw: [(drawn) => this.point(drawn)] }, // size and scales are the new ones only now
     }, this.align(lines), box);
     this.listen(plot);
     return { ...panel, plot, box };
@@ -100,11 +102,13 @@ class Plots {
 
   show(time_s) {
     this.time_s = time_s ?? 0;
-    for (const { plot } of this.panels) {
-      const { min, max } = plot.scales.x;
-      const inside = this.time_s >= min && this.time_s <= max;
-      plot.setCursor({ left: inside ? plot.valToPos(this.time_s, "x") : -10, top: inside ? 0 : -10 }, false);
-    }
+    for (const { plot } of this.panels) this.point(plot);
+  }
+
+  // Line and dots of the cursor, both.
+  point(plot) {
+    const { min, max } = plot.scales.x, inside = this.time_s >= min && this.time_s <= max;
+    plot.setCursor({ left: inside ? plot.valToPos(this.time_s, "x") : -10, top: inside ? 0 : -10 }, false);
   }
 }
 

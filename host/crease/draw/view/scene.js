@@ -82,6 +82,63 @@ class Arrow {
   }
 }
 
+// A torque: an arc about its axis, clockwise seen along it, as long as the torque is large; with a head.
+class Ring {
+  constructor(radius, width) {
+    const steps = 96, round = 10, positions = [], normals = [], index = [];
+    for (let i = 0; i <= steps; i++) {
+      const angle = (1.75 * Math.PI * i) / steps, c = Math.cos(angle), s = Math.sin(angle);
+      for (let k = 0; k < round; k++) {
+        const u = Math.cos((2 * Math.PI * k) / round), v = Math.sin((2 * Math.PI * k) / round);
+        positions.push(c * (radius + 0.5 * width * u), s * (radius + 0.5 * width * u), 0.5 * width * v);
+        normals.push(c * u, s * u, v);
+        const a = i * round + k, b = i * round + ((k + 1) % round);
+        if (i < steps) index.push(a, a + round, b, b, a + round, b + round);
+      }
+    }
+    this.tube = new THREE.BufferGeometry();
+    this.tube.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
+    this.tube.setAttribute("normal", new THREE.Float32BufferAttribute(normals, 3));
+    this.tube.setIndex(index);
+    this.steps = steps;
+    this.perStep = 6 * round;
+    this.radius = radius;
+    this.material = new THREE.MeshLambertMaterial({ side: THREE.DoubleSide });
+    this.head = new THREE.Mesh(new THREE.ConeGeometry(1.5 * width, 3.4 * width, 24), this.material);
+    this.group = new THREE.Group();
+    this.group.add(new THREE.Mesh(this.tube, this.material), this.head);
+  }
+
+  // share: 0..1 of the largest torque.
+  set(at, torque, share) {
+    const size = torque.length(), steps = Math.round(this.steps * Math.min(share, 1));
+    this.group.visible = size > 0 && steps > 2;
+    if (!this.group.visible) return;
+    this.tube.setDrawRange(0, steps * this.perStep);
+    const angle = (1.75 * Math.PI * steps) / this.steps;
+    this.head.position.set(this.radius * Math.cos(angle), this.radius * Math.sin(angle), 0);
+    this.head.rotation.z = angle;
+    this.group.position.copy(at);
+    this.group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), torque.clone().divideScalar(size));
+  }
+}
+
+// The way of the tool's origin; where it touches in the colour of the replay.
+function makeTrack(replay) {
+  const count = replay.areas.length, colours = new Float32Array(3 * count);
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(Float32Array.from(replay.position_m), 3));
+  geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+  const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ vertexColors: true, depthTest: false }));
+  line.frustumCulled = false;
+  const paint = (free, touching) => {
+    const [a, b] = [free, touching].map((colour) => new THREE.Color(colour).convertSRGBToLinear());
+    for (let i = 0; i < count; i++) (replay.areas[i] ? b : a).toArray(colours, 3 * i);
+    geometry.attributes.color.needsUpdate = true;
+  };
+  return { line, paint };
+}
+
 // The samples in contact of one path. Changes are followed forwards and backwards from tick to tick.
 class Samples {
   constructor(contacts, positions, radius) {
@@ -185,7 +242,13 @@ class Zones {
   }
 }
 
-const zoneColour = (zone) => (zone < 0 ? "#9aa4b2" : ZONE_COLOURS[zone % ZONE_COLOURS.length]);
+// Grey: of no zone. After the eight that anyone tells apart come others, none twice.
+function zoneColour(zone) {
+  if (zone < 0) return "#9aa4b2";
+  if (zone < ZONE_COLOURS.length) return ZONE_COLOURS[zone];
+  const k = zone - ZONE_COLOURS.length;
+  return `hsl(${Math.round(20 + 137.508 * k) % 360}, ${[70, 45][k % 2]}%, ${[45, 60, 35][k % 3]}%)`;
+}
 const rgb = (text) => new THREE.Color(text).toArray().map((v) => Math.round(255 * v));
 
 class Stage {
@@ -199,6 +262,7 @@ class Stage {
     holder.prepend(this.canvas);
     this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.001, 100);
     this.camera.up.set(0, 0, 1);
+    this.sharpness = 1; // share of the screen's pixels along each side
     this.makeBodies();
     this.makeOverlay();
     this.home();
@@ -233,9 +297,20 @@ class Stage {
     this.overlay.add(this.zones.group);
     this.top = new THREE.Scene();
     this.arrow = new Arrow(0.03 * span, true);
-    this.top.add(this.arrow.group, this.sky.clone(), this.lampTop = this.lamp.clone(), this.lampTop.target);
+    this.ring = new Ring(0.2 * span, 0.018 * span);
+    this.parts = [];
+    this.top.add(this.arrow.group, this.ring.group, this.sky.clone(), this.lampTop = this.lamp.clone(), this.lampTop.target);
     this.arrowLength = ARROW_SPAN * span;
-    this.force_max_N = Math.max(...header.replays.map((_, i) => high(sizes(data[`replay${i}`].force_N))), 1e-9);
+    const most = (name) => Math.max(...header.replays.map((_, i) => high(sizes(data[`replay${i}`][name]))), 1e-9);
+    this.force_max_N = most("force_N");
+    this.torque_max_Nm = most("torque_Nm");
+    this.tracks = header.replays.map((_, i) => {
+      const replay = data[`replay${i}`], track = makeTrack(replay);
+      replay.area_at = starts(replay.area_count);
+      this.overlay.add(track.line);
+      return track;
+    });
+    this.withTrack = false;
   }
 
   // Colours of the page's theme and of the samples: by "zones" or by "areas".
@@ -252,6 +327,7 @@ class Stage {
       }
       samples.paint(palette);
     }
+    this.tracks.forEach((track, i) => track.paint(css("--soft"), css(`--replay${i}`)));
     this.dirty = true;
   }
 
@@ -282,9 +358,35 @@ class Stage {
     this.samples[name].seek(frame);
     this.samples[name].points.matrix.copy(this.toolMatrix(i, frame, false));
     this.zones.show(contacts, contacts.zone_at[frame], contacts.zone_at[frame + 1]);
-    const force = vector(replay.force_N, frame);
-    this.arrow.material.color.set(css(`--replay${i}`)).convertSRGBToLinear();
-    this.arrow.set(vector(contacts.point_m, frame), force, this.arrowLength * Math.min(force.length() / this.force_max_N, 1.6));
+    this.tracks.forEach((track, k) => { track.line.visible = this.withTrack && k === i; });
+    const force = vector(replay.force_N, frame), colour = css(`--replay${i}`);
+    this.arrow.material.color.set(colour).convertSRGBToLinear();
+    this.arrow.set(vector(contacts.point_m, frame), force, this.lengthOf(force));
+    this.ring.material.color.set(colour).convertSRGBToLinear();
+    const torque = vector(replay.torque_Nm, frame);
+    this.ring.set(vector(replay.position_m, frame), torque, torque.length() / this.torque_max_Nm);
+    this.showParts(replay, replay.area_at[frame], replay.area_at[frame + 1], colour);
+  }
+
+  lengthOf(force) {
+    return this.arrowLength * Math.min(force.length() / this.force_max_N, 1.6);
+  }
+
+  // The forces of the contact areas, thin, where there are several: one alone is the large arrow.
+  showParts(replay, from, to, colour) {
+    const several = to - from > 1;
+    while (several && this.parts.length < to - from) {
+      const part = new Arrow(0.014 * this.header.camera.span_m, true);
+      this.parts.push(part);
+      this.top.add(part.group);
+    }
+    this.parts.forEach((part, k) => {
+      part.group.visible = several && k < to - from;
+      if (!part.group.visible) return;
+      const force = vector(replay.area_force_N, from + k);
+      part.material.color.set(colour).convertSRGBToLinear();
+      part.set(vector(replay.area_point_m, from + k), force, this.lengthOf(force));
+    });
   }
 
   resize(panes) {
@@ -297,7 +399,8 @@ class Stage {
     if (!this.dirty) return;
     this.dirty = false;
     const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    const ratio = Math.min(window.devicePixelRatio, 2) * this.sharpness;
+    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio); // makes all buffers anew
     const size = this.renderer.getSize(new THREE.Vector2());
     if (size.x !== width || size.y !== height) this.renderer.setSize(width, height, false);
     const tight = Math.min(1, ...this.panes.map((pane) => pane.width / pane.height)); // narrow panes are seen from farther
@@ -310,6 +413,7 @@ class Stage {
       this.renderer.setViewport(pane.x, low, pane.width, pane.height);
       this.renderer.setScissor(pane.x, low, pane.width, pane.height);
       this.camera.aspect = pane.width / pane.height;
+      this.camera.setViewOffset(pane.width, pane.height, -pane.shift, 0, pane.width, pane.height);
       this.camera.updateProjectionMatrix();
       this.show(i, frames[i], display);
       const scale = (pane.height * this.renderer.getPixelRatio()) / 2 / Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW_DEG / 2));
