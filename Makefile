@@ -21,7 +21,7 @@ OUT := build$(if $(QUICK),/quick)
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
 PIP_USER := meshes
-PIP_DEVELOP := test fuzz dask lint step mcap parquet wheel docs
+PIP_DEVELOP := test fuzz dask lint step mcap parquet wheel docs ports prove
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -44,7 +44,7 @@ IMAGE_HELPERS := $(filter-out %/servo_rig.c,$(TEST_HELPERS))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
-C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
+C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/prove/*.[ch] tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native host/backend meshes tests)
 
@@ -266,6 +266,9 @@ build/fuzz/fuzz_scene_scalar: build/scalar/tests/fuzz/fuzz_scene.o build/scalar/
 	@mkdir -p $(@D)
 	@$(CC_scalar) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_scalar)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
+prove: build/.develop ## proofs of what takes bytes from outside, by a bounded model checker: firmware/PROOFS.md
+	$(PY) tests/prove/prove.py $(if $(QUICK),--quick)
+
 # 2.8 hours of rendering, in 4 minutes.
 SOAK_TICKS ?= $(if $(QUICK),200000,10000000)
 
@@ -479,5 +482,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo check test sanitize fuzz prove soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -75,4 +75,13 @@ uninstall: ## what install put there, with the same PREFIX and DESTDIR
 manuals: build/.host build/gcc/creased ## write the manual pages of crease and creased anew, from what they say of themselves
 	$(PY) host/backend/manuals.py build/gcc/creased $(PACKAGE)/man
 
-.PHONY: install uninstall manuals
+# Needs Python and nothing else.
+PACK = $(OUT)/pack/crease.crease.$(VERSION).pack
+
+pack: ## the library as a CMSIS-Pack, in build/pack
+	$(PYTHON) host/backend/cmsis_pack.py $(OUT)/pack
+
+check-pack: build/.develop build/.device build/scenes/.stamp pack ## the pack in a project outside, on an emulated Cortex-M7: the bits that Python feels
+	cd tests/device && $(abspath $(PY)) pack.py $(abspath $(PACK))
+
+.PHONY: install uninstall manuals pack check-pack
