@@ -1,4 +1,4 @@
-"""`make check-pack`: a project outside has crease from its CMSIS-Pack only, and feels on an emulated Cortex-M7 what Python feels.
+"""`make check-pack`: a project with crease from its CMSIS-Pack only feels on an emulated Cortex-M7 what Python feels.
 
     pack.py CREASE.pack
 

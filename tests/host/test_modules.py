@@ -294,7 +294,7 @@ def test_the_pack_lists_all_sources_and_has_all_that_it_lists(pack: Path) -> Non
 
 
 def test_the_description_of_the_pack_is_whole(pack: Path) -> None:
-    """The elements that PACK.xsd asks for, in its order; conditions that are there. The schema is not to be had here."""
+    """The elements that PACK.xsd asks for, in its order; conditions that are there. The schema is not here."""
     root = ET.parse(pack / "crease.crease.pdsc").getroot()
     order = [child.tag for child in root]
     assert order == [

@@ -2,6 +2,7 @@
  *          time: nothing outside is read or written, and the state is one that can come about again
  * Entry    cr_bus_receive
  * Bounds   none: every state, every frame that cr_servo_rx takes, every clock, every configuration; sdo_answer.c proves what is left out
+ * Long     minutes on a busy machine
  * Unwind   9 */
 #include "bus_states.h"
 

@@ -155,17 +155,20 @@ def main(arguments: Sequence[str]) -> int:
         return 0
     chosen = [p for p in found if p.name in args.only or not args.only]
     chosen = [p for p in chosen if not (args.quick and "Long" in p.head)]
-    begin, failed = time.monotonic(), 0
+    begin, failed, rows = time.monotonic(), 0, ["proof,properties,seconds"]
     with ThreadPoolExecutor(2) as pool:
         for verdict in pool.map(prove, chosen):
             what = "FAILED" if verdict.failed else "proved"
             failed += bool(verdict.failed)
+            rows.append(f"{verdict.proof.name},{verdict.passed},{verdict.seconds:.1f}")
             print(
                 f"{verdict.proof.name:16} {what}  {verdict.passed:4} properties  {verdict.seconds:6.1f} s",
                 flush=True,
             )
             for line in verdict.failed:
                 print(f"    {line}")
+    if len(chosen) == len(found) and not failed:
+        (ROOT / "build/proved.csv").write_text("\n".join(rows) + "\n", "ascii")
     if breach := page_breach():
         print(breach)
     print(

@@ -2,6 +2,7 @@
  * Entry    check_kind, check_facet, check_pair, check_edge of cr_scene_open
  * Bounds   none: every element of tables of every size, every content
  * Floats   their overflow is not asked for: all integers here are unsigned
+ * Long     minutes on a busy machine
  * Unwind   8 */
 #include "prove.h"
 

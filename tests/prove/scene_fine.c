@@ -1,6 +1,7 @@
 /* Proof    a fine brick that is taken has its table among the samples, and every block that its table names
  * Entry    check_fine of cr_scene_open
  * Bounds   1,600 samples, the first 8 of the 512 entries of the table; every brick, every content
+ * Long     minutes on a busy machine
  * Unwind   10 */
 #include "prove.h"
 

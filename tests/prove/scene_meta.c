@@ -2,6 +2,7 @@
  * Entry    check_meta, check_top of cr_scene_open
  * Bounds   every content of the settings; grids of up to 4 bricks, of any shape, into any count of bricks
  * Floats   their overflow is not asked for: all integers here are unsigned
+ * Long     minutes on a busy machine
  * Unwind   16 */
 #include "prove.h"
 

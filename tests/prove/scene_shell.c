@@ -1,6 +1,7 @@
 /* Proof    the list of a cluster's neighbours that is taken names clusters and lanes that are there, and is no longer than its bound
  * Entry    check_neighbours of cr_scene_open
  * Bounds   3 clusters, 6 neighbours in all; every content
+ * Long     minutes on a busy machine
  * Unwind   8 */
 #include "prove.h"
 

@@ -1,6 +1,7 @@
 /* Proof    a group whose children are taken names groups and clusters that are there, groups only after itself: the traversal ends
  * Entry    check_children of cr_scene_open
  * Bounds   trees of 3 groups with up to 4 children each, into every count of clusters; every content
+ * Long     minutes on a busy machine
  * Unwind   6 */
 #include "prove.h"
 
