@@ -255,8 +255,10 @@ def test_manuals_are_what_the_commands_say_of_themselves(prefix: Path, tmp_path:
 
 @pytest.mark.parametrize("page", ["man1/crease.1", "man3/crease.3", "man8/creased.8"])
 def test_manuals_can_be_set(page: str, prefix: Path) -> None:
+    text = (prefix / "share/man" / page).read_text("utf-8")
     said = subprocess.run(
-        ["groff", "-man", "-ww", "-Tutf8", prefix / "share/man" / page],
+        ["groff", "-man", "-ww", "-Tutf8"],
+        input=text.replace(str(prefix), "/usr/local"),  # lines are as long as there
         capture_output=True,
         text=True,
         check=True,
