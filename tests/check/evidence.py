@@ -183,7 +183,7 @@ def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> li
     host = [
         "gcc",
         "-std=c11",
-        "-O0",
+        "-O2",
         *defines,
         f"-I{FIRMWARE}",
         "sizes.c",

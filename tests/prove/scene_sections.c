@@ -15,8 +15,9 @@ int main(void) {
     ASSUME(size >= sizeof(struct cr_img_header) + CR_SEC_COUNT * sizeof(struct cr_img_section));
     ASSUME(id >= 1u && id <= CR_SEC_COUNT);
     const uint8_t *image = any_bytes(size);
-    const struct cr_img_section *said = (const struct cr_img_section *)(image + sizeof(struct cr_img_header));
-    said += id - 1u;
+    const struct cr_img_section *table = (const struct cr_img_section *)(image + sizeof(struct cr_img_header));
+    const struct cr_img_section *said =
+        &table[id - 1u]; /* as find_section writes it: the solver sees that it is the same */
     uint32_t count = 0u;
     const uint8_t *section = find_section(image, size, id, stride, &count);
     if (section != NULL) {
