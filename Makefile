@@ -267,7 +267,7 @@ build/fuzz/fuzz_scene_scalar: build/scalar/tests/fuzz/fuzz_scene.o build/scalar/
 	@$(CC_scalar) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_scalar)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
 
 prove: build/.develop ## proofs of what takes bytes from outside, by a bounded model checker: firmware/PROOFS.md
-	$(PY) tests/prove/prove.py $(if $(QUICK),--quick)
+	$(PY) tests/prove/proofs.py $(if $(QUICK),--quick)
 
 promises: build/.develop ## promise by promise of the pages the tests that show it; fails on a gap
 	$(PY) tests/check/promises.py $(if $(QUICK),--count)

@@ -1,6 +1,6 @@
 """`make prove`: the proofs of this folder by ESBMC, a bounded model checker that descends from CBMC.
 
-    prove.py [--quick] [--only NAME...]
+    proofs.py [--quick] [--only NAME...]
 
 Each C file is one proof: its head says what, of which entry, within which bounds, and how far loops are unrolled; that
 this is far enough is proved too. Fails when a proof does or takes too long, or when firmware/PROOFS.md names others.
@@ -68,7 +68,7 @@ def read_proof(file: Path) -> Proof:
     return Proof(file, head)
 
 
-def proofs() -> list[Proof]:
+def all_proofs() -> list[Proof]:
     """All of this folder."""
     return [read_proof(file) for file in sorted(FOLDER.glob("*.c"))]
 
@@ -123,16 +123,16 @@ def page_breach() -> str | None:
     said = re.search(
         r"<!-- proofs: begin -->\n(.*?)\n<!-- proofs: end -->", PAGE.read_text("utf-8"), re.S
     )
-    if said is not None and said[1] == table(proofs()):
+    if said is not None and said[1] == table(all_proofs()):
         return None
-    return f"{PAGE.relative_to(ROOT)}: its table is not that of tests/prove: run prove.py --write"
+    return f"{PAGE.relative_to(ROOT)}: its table is not that of tests/prove: run proofs.py --write"
 
 
 def write_page() -> None:
     """The table of the page anew."""
     text = re.sub(
         r"(<!-- proofs: begin -->\n).*?(\n<!-- proofs: end -->)",
-        lambda m: m[1] + table(proofs()) + m[2],
+        lambda m: m[1] + table(all_proofs()) + m[2],
         PAGE.read_text("utf-8"),
         flags=re.S,
     )
@@ -146,7 +146,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="these proofs")
     parser.add_argument("--write", action="store_true", help="write the table of the page, no more")
     args = parser.parse_args(arguments)
-    found = proofs()
+    found = all_proofs()
     if unknown := set(args.only) - {p.name for p in found}:
         print(f"error: no proof {sorted(unknown)[0]} in tests/prove", file=sys.stderr)
         return 2
