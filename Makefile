@@ -21,7 +21,7 @@ OUT := build$(if $(QUICK),/quick)
 APT := build-essential cmake ninja-build python3-dev python3-venv libode-dev pkg-config
 APT_DEVELOP := libcmocka-dev clang clang-format clang-tidy cppcheck gcovr libclang-rt-14-dev valgrind groff-base doxygen
 PIP_USER := meshes live mcap
-PIP_DEVELOP := test fuzz dask lint step parquet wheel docs
+PIP_DEVELOP := test fuzz dask lint step parquet wheel docs ports prove
 
 # For the tests of `crease view` only; any of BROWSERS that is there already will do.
 APT_BROWSER := chromium-headless-shell
@@ -44,7 +44,7 @@ IMAGE_HELPERS := $(filter-out %/servo_rig.c,$(TEST_HELPERS))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)
-C_ALL := $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
+C_ALL := firmware/package/example.c $(CORTEX_C) $(FIRMWARE_C) $(RIVALS_C) $(PORT_C) $(NATIVE_C) $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) $(TEST_C) $(TEST_HELPERS) $(FUZZ_C) $(wildcard tests/check/*.c tests/prove/*.[ch] tests/bench/*.[ch] tests/bench/peers/*.c tests/bench/peers/*.h tests/bench/peers/*.cpp) $(C_HEADERS)
 PY_ALL := $(shell find host/crease host/native -name '*.py' 2>/dev/null)
 PY_LINT := $(wildcard host/crease host/native host/backend meshes tests)
 
@@ -264,7 +264,7 @@ sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizer
 FUZZ_SECONDS ?= $(if $(QUICK),20,60)
 
 fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) build/fuzz/fuzz_scene_scalar ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
-	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS)
+	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS) $(if $(FUZZ_KEEP),--keep tests/fuzz/hours.csv)
 
 build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libhelpers.a build/fuzz/libcrease.a build/fuzz/libsim.a
 	@$(CC_fuzz) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_fuzz)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
@@ -272,6 +272,15 @@ build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libhelpers.a build/
 build/fuzz/fuzz_scene_scalar: build/scalar/tests/fuzz/fuzz_scene.o build/scalar/libhelpers.a build/scalar/libcrease.a build/scalar/libsim.a
 	@mkdir -p $(@D)
 	@$(CC_scalar) $(subst fuzzer-no-link,fuzzer,$(CFLAGS_scalar)) $^ -lcmocka -Wl,--as-needed -lode -lm -o $@
+
+prove: build/.develop ## proofs of what takes bytes from outside, by a bounded model checker: firmware/PROOFS.md
+	$(PY) tests/prove/proofs.py $(if $(QUICK),--quick)
+
+promises: build/.develop ## promise by promise of the pages the tests that show it; fails on a gap
+	$(PY) tests/check/promises.py $(if $(QUICK),--count)
+
+evidence: build/.develop $(if $(QUICK),,build/.device build/scenes/.stamp coverage-firmware prove) ## figures of firmware/EVIDENCE.md, MISRA.md, MEMORY.md anew
+	PYTHONPATH=tests/device:tests/prove $(PY) tests/check/evidence.py $(if $(QUICK),--quick)
 
 # 2.8 hours of rendering, in 4 minutes.
 SOAK_TICKS ?= $(if $(QUICK),200000,10000000)
@@ -290,7 +299,7 @@ coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below ever
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
 	@for t in $(COVERING); do build/cov/tests/$$t >build/coverage/$$t.log 2>&1 || { cat build/coverage/$$t.log; exit 1; }; done
 	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*)\.[ch]$$' --branches --print-summary \
-	    --fail-under-line 100 --fail-under-branch 95 build/cov/firmware
+	    --fail-under-line 100 --fail-under-branch 95 build/cov/firmware | tee build/coverage/summary.txt
 
 .PHONY: pictures
 pictures: build/.develop build/.browser build/scenes/.stamp ## pictures of the texts, anew: of the contact, the page, the live page, run.mcap
@@ -493,5 +502,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz prove promises evidence soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

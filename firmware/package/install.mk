@@ -48,9 +48,9 @@ $(INSTALLED)/bin/creased: $(PORT_C:%.c=$(INSTALLED)/%.o) $(PORT_LIB_C:%.c=$(INST
 MANUAL = '$(DESTDIR)$(MANDIR)/man$(subst .,,$(suffix $(1)))/$(1)'
 
 # The template $(1) of this folder, filled in, as the file $(2).
-FILL = sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' -e 's|@VERSION@|$(VERSION)|' \
+FILL = sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|g' -e 's|@INCLUDEDIR@|$(INCLUDEDIR)|' -e 's|@VERSION@|$(VERSION)|' \
     -e 's|@SOVERSION@|$(SOVERSION)|' -e "s|@INCLUDE_FROM_LIB@|$$(realpath -m --relative-to='$(LIBDIR)' '$(INCLUDEDIR)')|" \
-    -e 's|@DATADIR@|$(DATADIR)|' $(PACKAGE)/$(1).in >$(2)
+    -e 's|@DATADIR@|$(DATADIR)|g' $(PACKAGE)/$(1).in >$(2)
 
 install: $(INSTALLED)/lib/libcrease.a $(INSTALLED)/lib/$(SHARED) $(INSTALLED)/bin/creased ## library, headers, pkg-config, CMake, creased, manuals: PREFIX=/usr/local DESTDIR=
 	@case '$(PREFIX)' in /*) ;; *) echo "error: PREFIX=$(PREFIX): is not an absolute path; use DESTDIR for a folder to pack from" >&2; exit 1;; esac
@@ -64,8 +64,9 @@ install: $(INSTALLED)/lib/libcrease.a $(INSTALLED)/lib/$(SHARED) $(INSTALLED)/bi
 	@$(call FILL,crease.pc,'$(DESTDIR)$(LIBDIR)/pkgconfig/crease.pc')
 	@$(foreach c,crease-config.cmake crease-config-version.cmake,$(call FILL,$(c),'$(DESTDIR)$(LIBDIR)/cmake/crease/$(c)');)
 	install -m 755 $(INSTALLED)/bin/creased '$(DESTDIR)$(BINDIR)'
-	install -m 644 firmware/port/linux/device.toml LICENSE '$(DESTDIR)$(DATADIR)'
+	install -m 644 firmware/port/linux/device.toml $(PACKAGE)/example.c LICENSE '$(DESTDIR)$(DATADIR)'
 	@$(foreach m,$(MANUALS),$(call FILL,man/$(m),$(call MANUAL,$(m)));)
+	@echo "installed: man 3 crease; $(DATADIR)/example.c. A program that does not find libcrease.so.$(SOVERSION): ldconfig, or LD_LIBRARY_PATH=$(LIBDIR)"
 
 uninstall: ## what install put there, with the same PREFIX and DESTDIR
 	rm -rf '$(DESTDIR)$(INCLUDEDIR)/crease' '$(DESTDIR)$(LIBDIR)/cmake/crease' '$(DESTDIR)$(DATADIR)'
@@ -75,4 +76,13 @@ uninstall: ## what install put there, with the same PREFIX and DESTDIR
 manuals: build/.host build/gcc/creased ## write the manual pages of crease and creased anew, from what they say of themselves
 	$(PY) host/backend/manuals.py build/gcc/creased $(PACKAGE)/man
 
-.PHONY: install uninstall manuals
+# Needs Python and nothing else.
+PACK = $(OUT)/pack/crease.crease.$(VERSION).pack
+
+pack: ## the library as a CMSIS-Pack, in build/pack
+	$(PYTHON) host/backend/cmsis_pack.py $(OUT)/pack
+
+check-pack: build/.develop build/.device build/scenes/.stamp pack ## the pack in a project outside, on an emulated Cortex-M7: the bits that Python feels
+	cd tests/device && $(abspath $(PY)) pack.py $(abspath $(PACK))
+
+.PHONY: install uninstall manuals pack check-pack

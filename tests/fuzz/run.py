@@ -82,6 +82,7 @@ def run(target: Target, build: Path, seconds: int) -> tuple[bool, str]:
     runs = int(found[1]) if found else 0
     good = result.returncode == 0 and runs > 0
     (build / f"{target.name}.log").write_text(output)
+    (build / f"{target.name}.count").write_text(f"{target.name},{seconds},{runs}\n")
     verdict = "ok" if good else f"FAILED: {build / target.name}.log, reproducer in {crashes}"
     line = f"fuzz_{target.name:10} {seconds:5} s {runs:9} runs, {cover[-1] if cover else 0:>5} edges: {verdict}"
     return good, line if good else line + "\n" + output[-3000:]
@@ -94,6 +95,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="of the clock, in all")
     parser.add_argument("--jobs", type=int, default=2, help="targets at a time")
     parser.add_argument("--only", choices=[t.name for t in TARGETS], help="one target alone")
+    parser.add_argument("--keep", type=Path, help="ledger to which seconds and runs are added")
     args = parser.parse_args()
     targets = [t for t in TARGETS if args.only in (None, t.name)]
     whole = sum(t.share for t in targets)
@@ -108,6 +110,9 @@ def main() -> int:
 
         results = list(pool.map(start, targets))
     failed = sum(not good for good, _ in results)
+    if args.keep and not failed:
+        with args.keep.open("a", encoding="ascii") as ledger:
+            ledger.writelines((args.build / f"{t.name}.count").read_text() for t in targets)
     print(f"fuzz: {len(results) - failed} of {len(results)} targets without a crash", flush=True)
     return 1 if failed else 0
 
