@@ -379,6 +379,7 @@ static void take_lanes(walk *w, const cr_looked *l, uint32_t lanes) {
     }
 }
 
+#if CR_WAY_OUT
 /* The hit of a cluster with covered lanes, for the way out: in one, and what it is inside of. */
 static void take_cluster(walk *w, const cr_looked *l) {
     cr_hit *hit = add_hit(w, l->cluster);
@@ -394,12 +395,16 @@ static void take_cluster(walk *w, const cr_looked *l) {
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
+#endif
+
 /* The hits of a cluster with covered lanes. */
 static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
-    if (CR_WAY_OUT && w->options->way) {
+#if CR_WAY_OUT
+    if (w->options->way) {
         take_cluster(w, l);
         return;
     }
+#endif
     if (l->full == (1u << l->c->count) - 1u) {
         take_whole(w, l->cluster, b, lane);
         return;
@@ -699,9 +704,11 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         set->hit_count = 0u;
         set->touch_count = 0u;
         set->contacts = 0u;
-        if (CR_WAY_OUT && options->way) {
+#if CR_WAY_OUT
+        if (options->way) {
             set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
         }
+#endif
         if (tool_is_free(&w)) {
             return 1;
         }

@@ -222,7 +222,9 @@ typedef struct {
     cr_hit hits[CR_CLUSTERS_MAX];
     union {
         cr_touch touches[CR_TOUCHES_MAX];
+#if CR_WAY_OUT
         cr_way_zones way;
+#endif
     };
 } cr_contact_set;
 
