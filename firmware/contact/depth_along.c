@@ -15,6 +15,7 @@
 #define STEEP_MIN_CURVED 0.7f
 /* Share of curved zones in a half-space from which on they count in full. */
 #define CURVED 0.25f
+/* Most steps of a march, each as long as the distance. */
 #define MARCH_STEPS 12
 /* A march ends this near the surface, as a share of the sample's reach. */
 #define MARCH_END 0.02f

@@ -15,7 +15,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 }
 
 /* A spread of normals of which nothing follows. */
-#define APART 3.0f
+#define NO_SPREAD 3.0f
 
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
@@ -144,7 +144,7 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
         }
         return;
     }
-    out->reach.spread = APART; /* measured without a lookup: not worth knowing */
+    out->reach.spread = NO_SPREAD; /* measured without a lookup: not worth knowing */
     out->reach.bound_m = max_f(0.0f, out->reach.bound_m);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);

@@ -25,6 +25,7 @@
 #define ONE_WAY 0.2f
 /* Zones that hold less than this share of their half-space do not lead it: it has its weight from others, which lead their own. */
 #define MINOR 0.1f
+/* Most sweeps of the projection into the cone of normals: it ends when no part moves by 1e-6 of the sum. */
 #define SWEEPS 32
 /* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. Where less than SEEN_BY samples are
  * inside, which surface they are inside of tells less than which way they face: more by what is missing, up to tenfold. */

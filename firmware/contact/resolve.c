@@ -3,6 +3,7 @@
 
 #if CR_WAY_OUT
 
+/* Most sweeps over the half-spaces: it ends when none moves by 1e-6 of the deepest. */
 #define SWEEPS 64
 
 /* Each half-space is led out of by what it pushes itself and by what those on its side push along its normal. Those against it do not count: no contact

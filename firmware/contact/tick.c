@@ -6,6 +6,7 @@
 
 #define POSITION_MAX_M 1e4f
 #define QUATERNION_TOLERANCE 0.01f
+/* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
 #define DISPLAY_SWEEPS 16
 #define LOOKUPS_LEAST 32u
 #define LOOKUPS_MOST 1048576u

@@ -1,0 +1,303 @@
+"""What each empirical constant of the contact core is worth: halved and doubled, against the exact tables.
+
+    .venv/bin/python tests/bench/constants.py            prints the table of firmware/contact/CONSTANTS.md
+    .venv/bin/python tests/bench/constants.py --write    measures and writes it: 20 minutes on one core
+    .venv/bin/python tests/bench/constants.py --only NAME ...
+
+A constant is a `#define` with a number in firmware/contact. Those that are no choice (limits of the format, sentinels,
+guards against rounding) are named in `GIVEN` with the reason. Of each other one the file is compiled anew with half and
+with twice its value, the paths of the golden scenes are replayed, and what moved most is told, in shares of its bound.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "golden")]
+
+import bench  # noqa: E402
+import test_golden as zones_golden  # noqa: E402
+import test_golden_way_out as way_golden  # noqa: E402
+from crease.base.errors import CreaseError  # noqa: E402
+from crease.base.scene import open_scene  # noqa: E402
+from crease.replay.measures import Accuracy, Felt, compare, motion_m  # noqa: E402
+from crease.replay.replay import ROW, ReplayOptions  # noqa: E402
+from crease.replay.trajectory import load_trajectory  # noqa: E402
+from study.against_exact import box_corners, exact_felt, read_exact  # noqa: E402
+from study.program import FLAGS, ROOT, words_for  # noqa: E402
+
+CONTACT = ROOT / "firmware" / "contact"
+PAGE = CONTACT / "CONSTANTS.md"
+STIFFNESS_N_M = 1000.0
+DEFINE = re.compile(r"^#define (\w+) \(?(-?[0-9][0-9.e+-]*)([fu]?)\)?$", re.MULTILINE)
+COMMENT = re.compile(r"/\*((?:(?!\*/).)*)\*/\s*$", re.DOTALL)
+GIVEN = {
+    "scene.c": "limits of the format: SPEC.md",
+    "published.c": "the method as published",
+    "NEVER_M": "no length",
+    "NO_PLANE": "no cosine",
+    "NOWHERE": "no height",
+    "NO_SPREAD": "no spread",
+    "WAKE_NOW": "no distance",
+    "POSITION_MAX_M": "a limit of the interface",
+    "QUATERNION_TOLERANCE": "a limit of the interface",
+    "LOOKUPS_LEAST": "a limit of the interface",
+    "LOOKUPS_MOST": "a limit of the interface",
+    "PERIOD_MIN_S": "rounding",
+    "ROUNDING_M": "rounding",
+    "SLACK_M": "rounding",
+    "LANDING_M": "rounding",
+    "AREA_MIN_M2": "rounding",
+    "SHARP_MIN": "rounding",
+    "CR_WAY_LEAVES_MIN": "rounding",
+    "ODOMETER_MAX_M": "the last bit of an odometer",
+    "DISPLAY_SWEEPS": "for the eye: no force depends on it",
+    "BOX_MAX": "work, no answer",
+    "RIVALS_MAX": "work",
+    "CR_WAY_BOUNDS_MAX": "a capacity",
+}
+"""Constants, or all of a file, that are not empirical, and why."""
+WAY_FILES = {
+    *("answer.c", "depth_along.c", "exits.c", "gather.c", "layers.c", "relate.c", "resolve.c"),
+    "way_out.h",
+}
+ZONE_FILES = {"depth.c", "respond.c", "split.c", "top.c", "zones.c"}
+GOLDEN = {"zones": zones_golden, "way_out": way_golden}
+NOTICED = 0.02
+"""A figure that moves by less than this share of its bound did not move."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number of the sources: file, name, text of its value, its comment in one line."""
+
+    file: str
+    name: str
+    value: str
+    suffix: str
+    why: str
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """Responses whose answer may depend on it."""
+        if self.file in WAY_FILES:
+            return ("way_out",)
+        return ("zones",) if self.file in ZONE_FILES else ("zones", "way_out")
+
+    def scaled(self, factor: float) -> str:
+        """The text of the value times a factor; whole numbers stay whole, and at least 1."""
+        if self.suffix == "f":
+            return f"{float(self.value) * factor:.8e}f"
+        return f"{max(1, round(int(self.value) * factor))}{self.suffix}"
+
+
+def find_constants(folder: Path = CONTACT) -> list[Constant]:
+    """Every empirical constant, in the order of the files and of their lines."""
+    found = []
+    for file in sorted([*folder.glob("*.c"), folder / "way_out.h"]):
+        text, why = file.read_text("utf-8"), ""
+        for match in DEFINE.finditer(text):
+            above, line = (
+                COMMENT.search(text[: match.start()]),
+                text[: match.start()].rsplit("\n", 2),
+            )
+            beside = len(line) > 1 and line[-2].startswith("#define")
+            why = " ".join(above[1].split()) if above else why if beside else ""
+            name, value, suffix = match.groups()
+            if file.name not in GIVEN and name not in GIVEN:
+                found.append(
+                    Constant(
+                        file.name, name, value, suffix, why.replace(" * ", " ").replace("|", "/")
+                    )
+                )
+    return found
+
+
+class Laboratory:
+    """Objects of the core, compiled once; one file at a time is compiled anew."""
+
+    def __init__(self, folder: Path) -> None:
+        """Compile all.   Errors: CreaseError."""
+        self.folder = folder
+        self.sources = {
+            f"rivals/{file.name}" if file.parent.name == "rivals" else file.name: file
+            for file in (
+                HERE / "replay_path.c",
+                ROOT / "tests/check/blob.c",
+                ROOT / "host/native/replay.c",
+                *sorted(CONTACT.glob("*.c")),
+                *(ROOT / "firmware/rivals").glob("*.c"),
+            )
+        }
+        self.objects = {
+            name: self._compile(source, (), folder / f"{name.replace('/', '_')}.o")
+            for name, source in self.sources.items()
+        }
+
+    def _compile(self, source: Path, first: Sequence[str], to: Path) -> Path:
+        folders = [f"-I{ROOT / name}" for name in ("firmware", "host/native", "tests/check")]
+        _run(["cc", *FLAGS, "-O2", *first, *folders, "-c", source, "-o", to])
+        return to
+
+    def program(self, constant: Constant | None, factor: float) -> Path:
+        """The replay with a constant times a factor; None: as it is."""
+        objects = dict(self.objects)
+        if constant is not None:
+            line = f"#define {constant.name} {constant.scaled(factor)}"
+            users = WAY_FILES - {"way_out.h"} if constant.file == "way_out.h" else {constant.file}
+            with tempfile.TemporaryDirectory(dir=self.folder) as name:
+                spoiled = Path(name)
+                pattern = re.compile(rf"^#define {constant.name} .*$", re.MULTILINE)
+                for file in (constant.file, *users):
+                    text = (
+                        (CONTACT / file)
+                        .read_text("utf-8")
+                        .replace('"contact/way_out.h"', '"way_out.h"')
+                    )
+                    (spoiled / file).write_text(
+                        pattern.sub(line, text) if file == constant.file else text
+                    )
+                if constant.file != "way_out.h":
+                    (spoiled / "way_out.h").write_text((CONTACT / "way_out.h").read_text("utf-8"))
+                for file in users:
+                    objects[file] = self._compile(
+                        spoiled / file, (f"-I{spoiled}",), self.folder / f"new_{file}.o"
+                    )
+        to = self.folder / "replay"
+        _run(["cc", *objects.values(), "-lm", "-o", to])
+        return to
+
+    def measure(self, program: Path, response: str, scene_name: str) -> Accuracy:
+        """The golden figures of a scene by a program of this laboratory."""
+        golden = GOLDEN[response]
+        spec = golden.SPECS[scene_name]
+        folder = bench.EXACT if response == "zones" else way_golden.EXACT
+        exact = read_exact(folder / str(spec.exact))
+        scene, path = open_scene(bench.SCENES / f"{scene_name}.crs"), load_trajectory(spec.path)
+        image = np.frombuffer(bytes(scene.image), np.uint8)
+        _run(words_for(program, self.folder, image, path.rows, ReplayOptions(response=response)))
+        rows = np.fromfile(self.folder / "rows", ROW)
+        felt = Felt(*(rows[n].astype(np.float64) for n in ("force_N", "depth_m", "torque_Nm")))
+        moved = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
+        return compare(
+            felt,
+            exact_felt(exact, STIFFNESS_N_M),
+            STIFFNESS_N_M,
+            float(scene.meta.tool_radius_m),
+            moved,
+        )
+
+
+def _run(words: Iterable[object]) -> None:
+    done = subprocess.run([str(w) for w in words], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        said = (done.stderr or done.stdout).strip().splitlines()
+        raise CreaseError(f"{said[-1] if said else 'a program failed and said nothing'}")
+
+
+Figures = dict[tuple[str, str, str], float]
+"""Of each (response, scene, measure)."""
+
+
+def figures_of(
+    lab: Laboratory, program: Path, responses: Iterable[str], names: Sequence[str]
+) -> Figures:
+    """All golden figures by a program; scenes without an exact table of a response are left out."""
+    found: Figures = {}
+    for response in responses:
+        for name in names or list(GOLDEN[response].SPECS):
+            if name in GOLDEN[response].SPECS:
+                accuracy = lab.measure(program, response, name)
+                for measure in zones_golden.MEASURES:
+                    found[response, name, measure] = float(getattr(accuracy, measure))
+    return found
+
+
+def bounds_of() -> Figures:
+    """The golden bounds of both responses."""
+    tables = {"zones": zones_golden.BOUNDS, "way_out": way_golden.BOUNDS}
+    return {
+        (response, *key): bound
+        for response, table in tables.items()
+        for key, bound in zones_golden.read_bounds(table).items()
+    }
+
+
+def told(before: Mapping[tuple[str, str, str], float], after: Figures, bounds: Figures) -> str:
+    """What moved most, in shares of its bound, and how many bounds noticed."""
+    key = max(after, key=lambda k: abs(after[k] - before[k]) / bounds[k])
+    if abs(after[key] - before[key]) / bounds[key] < NOTICED:
+        return "nothing"
+    broken = sum(after[k] > bounds[k] for k in after)
+    _, scene, measure = key
+    noticed = f", {broken} bounds broken" if broken else ""
+    return f"{scene} {measure} {before[key]:.3g} to {after[key]:.3g}{noticed}"
+
+
+HEADS = ("constant", "value", "why", "halved", "doubled")
+
+
+def table(constants: Sequence[Constant], names: Sequence[str]) -> str:
+    """The measured table, Markdown."""
+    lines = [f"| {' | '.join(HEADS)} |", f"|{'---|' * len(HEADS)}"]
+    bounds = bounds_of()
+    with tempfile.TemporaryDirectory() as name:
+        lab = Laboratory(Path(name))
+        before = figures_of(lab, lab.program(None, 1.0), GOLDEN, names)
+        for constant in constants:
+            cells = []
+            for factor in (0.5, 2.0):
+                after = figures_of(lab, lab.program(constant, factor), constant.responses, names)
+                cells.append(told(before, after, bounds))
+            lines.append(row_of(constant, cells))
+            print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def row_of(constant: Constant, cells: Sequence[str]) -> str:
+    """A line of the table."""
+    place = f"`{constant.name}` ({constant.file})"
+    return f"| {place} | {constant.value} | {constant.why.strip()} | {' | '.join(cells)} |"
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Command line: see above."""
+    parser = argparse.ArgumentParser(
+        description="the constants of the contact core, halved and doubled"
+    )
+    parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.name}")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="NAME", help="these constants alone"
+    )
+    parser.add_argument(
+        "--scenes", nargs="+", default=[], metavar="NAME", help="these scenes alone"
+    )
+    args = parser.parse_args(arguments)
+    constants = [c for c in find_constants() if not args.only or c.name in args.only]
+    if args.write and (args.only or args.scenes):
+        parser.error("--write is for the whole table")
+    try:
+        made = table(constants, args.scenes)
+    except CreaseError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    if args.write:
+        text = PAGE.read_text("utf-8")
+        begin, end = "<!-- constants: begin -->\n", "\n<!-- constants: end -->"
+        head, rest = text.split(begin)
+        PAGE.write_text(head + begin + made + end + rest.split(end)[1], "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
