@@ -336,7 +336,7 @@ static void over_solid(const survey *s, const struct cr_img_cluster *c, uint32_t
 /* Lanes behind walls that meet concavely: each wall on its own, as far as the piece reaches behind it. */
 static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                          const cr_heights *h) {
-    float height_m[CR_LANES];
+    float height_m[CR_LANES] = {0.0f};
     for (uint32_t k = 0; k < p->count; k++) {
         spots at = {.c = c, .lanes = 0u, .count = 1u};
         for (int i = 0; i < CR_LANES; i++) {
@@ -353,7 +353,8 @@ static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32
 
 static void over_planes(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *all) {
     cr_heights *h = &s->scratch->heights;
-    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, &s->scratch->alone);
+    cr_planes *one = &s->scratch->alone;
+    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, one);
     cr_planes_measure(p, c, h);
     if (p->sign < 0.0f) {
         behind_walls(s, c, lanes, p, h);
@@ -426,7 +427,8 @@ static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share)
 /* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
 static void over_nothing(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look) {
     const cr_vec3 none = {0.0f, 0.0f, 0.0f};
-    const spots at = {.c = c, .lanes = lanes, .count = 0u, .planes = {{CR_FACET_NONE, 0, none, look->phi_m}}};
+    spots at = {.c = c, .lanes = lanes, .count = 0u};
+    at.planes[0] = (known){CR_FACET_NONE, 0, none, look->phi_m};
     count_lanes_for(s, &at, CR_WAY_NONE, 0u, whole);
 }
 

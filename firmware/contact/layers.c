@@ -100,7 +100,7 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t 
 static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, float coverage,
                                  const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
     const float near_m = h->top_m[i] - c->ramp[i];
-    float share[CR_KIND_FACETS_MAX], total = 0.0f;
+    float share[CR_KIND_FACETS_MAX] = {0.0f}, total = 0.0f;
     uint32_t top = 0u;
     for (uint32_t k = 0; k < p->count; k++) {
         share[k] = max_f(0.0f, h->height_m[k][i] - near_m);

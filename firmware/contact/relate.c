@@ -280,7 +280,7 @@ static void share_arms(cr_way_half *half, uint32_t count) {
 }
 
 uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *r, cr_way_half *out) {
-    means m[CR_WAY_ZONES_MAX];
+    means m[CR_WAY_ZONES_MAX] = {0};
     uint32_t count = 0u, first[CR_WAY_ZONES_MAX];
     float whole = 0.0f;
     for (uint32_t a = 0; a < zones->count; a++) {
