@@ -20,7 +20,8 @@
 #error "CR_SCALAR: 0 or 1"
 #endif
 
-/* 1: the response way_out is there. The boards' builds leave it out: it takes 22 KB of code and 4.5 KB of stack, more than their budgets, and up to 1.7 times the instructions. */
+/* 1: the response way_out is there. The boards' builds leave it out: it takes 22 KB more code, needs 4.5 KB
+ * of stack in all, more than their budgets, and takes up to 1.7 times the instructions. */
 #ifndef CR_WAY_OUT
 #define CR_WAY_OUT 1
 #endif
