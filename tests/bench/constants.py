@@ -293,9 +293,9 @@ def main(arguments: Sequence[str]) -> int:
         return 1
     if args.write:
         text = PAGE.read_text("utf-8")
-        begin, end = "<!-- constants: begin -->\n", "\n<!-- constants: end -->"
+        begin, end = "<!-- constants: begin -->", "<!-- constants: end -->"
         head, rest = text.split(begin)
-        PAGE.write_text(head + begin + made + end + rest.split(end)[1], "utf-8")
+        PAGE.write_text(f"{head}{begin}\n{made}\n{end}{rest.split(end)[1]}", "utf-8")
     return 0
 
 
