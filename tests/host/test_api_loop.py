@@ -103,6 +103,8 @@ def test_a_fault_is_told_and_reset_ends_it(scene: crease.Scene) -> None:
     assert not loop.run(way(20)).faults.any()
 
 
+WORD: Any = "a"
+HALF: Any = 1.5
 WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s, response="nothing"), "response 'nothing' is not known"),
     (lambda s: crease.Loop(s, stiffness=-1.0), "stiffness"),
@@ -112,6 +114,14 @@ WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s).tick([0, 0, 1, 2, 0, 0, 0]), "quaternion has length 2"),
     (lambda s: crease.Loop(s).hold(3), "no pose yet"),
     (lambda s: crease.Worlds(s, 4, response="nothing"), "response 'nothing' is not known"),
+    (lambda s: crease.Worlds(s, 0), "count is 0; give a whole number of 1 or more"),
+    (lambda s: crease.Worlds(s, WORD), "count is 'a'; give a whole number of 1 or more"),
+    (lambda s: crease.Worlds(s, HALF), "count is 1.5; give a whole number of 1 or more"),
+    (lambda s: crease.Worlds(s, 3, threads=0), "threads is 0; give a whole number of 1 or more"),
+    (
+        lambda s: crease.Worlds(s, 10**9),
+        "1,000,000,000 worlds take .* half of this machine's memory",
+    ),
     (lambda s: crease.Worlds(s, 4).step(np.zeros((3, 7))), "give \\(4, 7\\), one pose a world"),
     (lambda s: crease.Worlds(s, 4).step([["a"] * 7] * 4), "not numbers"),
     (lambda s: crease.Worlds(s, 4).reset(np.ones(3, bool)), "4 truth values"),
@@ -160,9 +170,6 @@ def test_worlds_are_reset_one_by_one(scene: crease.Scene) -> None:
     poses[1] = PRESSED
     assert (worlds.step(poses)["force_N"][:, 2] > 1.0).all()
     assert not worlds.reset()["force_N"].any()
-    for count, threads in ((0, None), (3, 0)):
-        with pytest.raises(ValueError, match="1 or more"):
-            crease.Worlds(scene, count, threads=threads)
 
 
 def test_observations_are_copies(scene: crease.Scene) -> None:

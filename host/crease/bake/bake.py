@@ -14,10 +14,11 @@ import numpy.typing as npt
 from crease.bake.distance_errors import measure_errors
 from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
-from crease.bake.limits import check_grid, check_spacing, default_memory_max
+from crease.bake.limits import check_grid, check_spacing
 from crease.bake.shell import Shell, make_shell
 from crease.bake.surface import Surface, make_surface
 from crease.bake.voxmap import Voxmap, make_voxmap
+from crease.base.arguments import default_memory_max
 from crease.base.errors import MeshError
 from crease.base.native import lib
 from crease.base.units import format_length, format_size

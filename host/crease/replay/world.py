@@ -28,6 +28,8 @@ OUTPUT = record("cr_output")
 """Of firmware/crease.h."""
 
 POSE_NUMBERS = 7
+_OBJECTS_BYTES = 4_000
+"""Of Python for a world: measured."""
 
 
 class Output:
@@ -205,7 +207,7 @@ class World:
         scene: baked, opened, or the path of its file. stiffness: N/m, 0 to 1e6. damping: N s/m, 0 to 1e4, along the
         normal, never pulling. response: how contact becomes force, a key of `crease.RESPONSES`. coverage: `soft`, a
         sample counts by its part that is inside; `hard`, in or out. force_max: N, limit of |force|; None: 100.
-        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 60 kB and a millisecond.
+        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 72 kB and a millisecond.
         Source   firmware/crease.h `cr_config`; firmware/rivals/README.md for responses of other authors.
         """
         for what, name, known in (
@@ -224,6 +226,11 @@ class World:
         self._out_c = ffi.cast("cr_output *", ffi.from_buffer(memory))
         self._out = Output(memory)
         self._tick = lib.cr_tick
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory that it takes, without the scene's."""
+        return self._engine.size_bytes + OUTPUT.itemsize + _OBJECTS_BYTES
 
     @property
     def handle(self) -> Any:
