@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import pydoc
+import re
 import subprocess
 import sys
 import time
@@ -199,6 +201,34 @@ def test_every_public_name_is_there_and_says_what_it_does() -> None:
         assert "Cost" in str(called.__doc__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = crease.nothing
+
+
+def test_help_gives_the_text_of_every_public_name_and_the_call_of_bake() -> None:
+    for name in crease.__all__:
+        value = getattr(crease, name)
+        if callable(value):
+            text = inspect.getdoc(value)
+            assert text, name
+            assert len(text) > 20, name
+    given = inspect.signature(crease.bake).parameters
+    assert list(given)[:3] == ["static", "tool", "spacing_m"]
+    assert given["crease_angle_deg"].default == 30.0
+    for text in (inspect.getdoc(crease.bake), pydoc.plain(pydoc.render_doc(crease.bake))):
+        assert "Bake a mock-up at rest and a tool into a scene." in str(text)
+        assert all(f"{name}: " in str(text) for name in list(given)[2:])
+
+
+def test_help_gives_shape_unit_and_frame_of_every_part_of_an_output() -> None:
+    shown = pydoc.plain(pydoc.render_doc(crease.Output))
+    for name, text in (
+        ("force_N", "(3,) on the tool, N, world frame"),
+        ("torque_Nm", "(3,) about the tool origin, N m, world frame"),
+        ("normal", "(3,) unit, of the deepest area"),
+        ("display_position_m", "(3,) of the tool for the eye, m, world frame"),
+        ("display_quaternion", "(4,) of the tool for the eye, unit, scalar first"),
+        ("record", "The C struct `cr_output` whole"),
+    ):
+        assert re.search(rf"{name}\n[ |]*{re.escape(text)}", shown), name
 
 
 def test_the_room_bake_can_be_called_however_it_was_imported() -> None:

@@ -39,23 +39,22 @@ class Output:
     Frames: world is the frame of the static mesh. Units: SI. All numbers are finite.
     """
 
-    __slots__ = (
-        *("_cell", "display_position_m", "display_quaternion", "force_N"),
-        *("normal", "record", "torque_Nm"),
-    )
+    __slots__ = {
+        "_cell": None,
+        "display_position_m": "(3,) of the tool for the eye, m, world frame: moved out of the static object.",
+        "display_quaternion": "(4,) of the tool for the eye, unit, scalar first, world_from_tool.",
+        "force_N": "(3,) on the tool, N, world frame.",
+        "normal": "(3,) unit, of the deepest area, out of the static object, world frame; zeros in free space.",
+        "record": "The C struct `cr_output` whole, a structured array (1,); names as in firmware/crease.h.",
+        "torque_Nm": "(3,) about the tool origin, N m, world frame.",
+    }
 
     record: npt.NDArray[Any]
-    """The C struct `cr_output` whole, a structured array (1,); names as in firmware/crease.h."""
     force_N: F32
-    """(3,) on the tool, world frame."""
     torque_Nm: F32
-    """(3,) about the tool origin, world frame."""
     normal: F32
-    """(3,) unit, of the deepest area, out of the static object; zeros in free space."""
     display_position_m: F32
-    """(3,) of the tool for the eye: moved out of the static object."""
     display_quaternion: F32
-    """(4,) scalar first, of the tool for the eye."""
 
     def __init__(self, memory: npt.NDArray[Any]) -> None:
         """memory: structured array OUTPUT (1,), written by the world."""
@@ -69,7 +68,7 @@ class Output:
 
     @property
     def depth_m(self) -> float:
-        """Depth of the deepest area; 0 in free space."""
+        """Depth of the deepest area, m; 0 in free space."""
         return float(self._cell["depth_m"])
 
     @property
