@@ -105,6 +105,15 @@ def test_a_fault_is_told_and_reset_ends_it(scene: crease.Scene) -> None:
 
 WORD: Any = "a"
 HALF: Any = 1.5
+TUPLE: Any = (1, 2, 3)
+
+
+def started(scene: crease.Scene) -> crease.Loop:
+    loop = crease.Loop(scene, keep=False)
+    loop.start(FREE)
+    return loop
+
+
 WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s, response="nothing"), "response 'nothing' is not known"),
     (lambda s: crease.Loop(s, stiffness=-1.0), "stiffness"),
@@ -114,6 +123,15 @@ WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s).tick([0, 0, 1, 2, 0, 0, 0]), "quaternion has length 2"),
     (lambda s: crease.Loop(s).hold(3), "no pose yet"),
     (lambda s: crease.Worlds(s, 4, response="nothing"), "response 'nothing' is not known"),
+    (lambda s: started(s).hold(-1), "ticks is -1; give a whole number of 1 or more"),
+    (lambda s: started(s).hold(HALF), "ticks is 1.5; give a whole number of 1 or more"),
+    (lambda s: started(s).hold(0), "ticks is 0; give a whole number of 1 or more"),
+    (lambda s: crease.Loop(s).save("never.crr"), "never.crr: the loop has no ticks to write yet"),
+    (lambda s: crease.Loop(s, stiffness=WORD), "stiffness is 'a'; give a number from 0"),
+    (lambda s: crease.Loop(s, damping=-1), "damping is -1; give a number from 0 to 1000 N s/m"),
+    (lambda s: crease.Loop(s, hand=TUPLE), "hand is .1, 2, 3.; give crease.Hand"),
+    (lambda s: crease.Loop(s, hand=crease.Hand(-1, 1, 1)), "hand: mass_kg is -1; .* 0 to 100 kg"),
+    (lambda s: crease.Loop(s, hand=crease.Hand(1, 1, 2e6)), "hand: stiffness_N_m is 2000000.0"),
     (lambda s: crease.Worlds(s, 0), "count is 0; give a whole number of 1 or more"),
     (lambda s: crease.Worlds(s, WORD), "count is 'a'; give a whole number of 1 or more"),
     (lambda s: crease.Worlds(s, HALF), "count is 1.5; give a whole number of 1 or more"),

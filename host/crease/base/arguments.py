@@ -32,13 +32,24 @@ def check_number(
     error: type[CreaseError] = CreaseError,
 ) -> float:
     """`value` when it is a number from low to high.   Errors: `error` with the name, the value and the range."""
-    try:
-        number = float(value) if not isinstance(value, str | bytes) else math.nan  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        number = math.nan
+    number = _number(value)
     if not low <= number <= high:
         raise error(f"{name} is {value!r:.80}; give a number from {low:g} to {high:g} {unit}")
     return number
+
+
+def check_positive(name: str, value: object, unit: str, error: type[CreaseError]) -> None:
+    """Errors: `error` with the name and the value, when it is no finite number above 0."""
+    if not 0.0 < _number(value) < math.inf:
+        raise error(f"{name} is {value!r:.80}; give {unit} above 0")
+
+
+def _number(value: object) -> float:
+    """As a float; NaN for what is none: a text, though `float` reads it, and an array of several."""
+    try:
+        return math.nan if isinstance(value, str | bytes) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 def default_memory_max() -> int:
