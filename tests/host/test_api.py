@@ -139,6 +139,8 @@ def test_worlds_share_a_scene_and_outlive_its_name(scene_crs: Path) -> None:
     assert crease.World(str(scene_crs)).tick(DEEP).force_N[2] == hard
 
 
+ODD: dict[str, Any] = {"word": "2mm", "none": None, "tuple": (1, 2, 3)}
+"""What a typed program would not give."""
 WRONG: dict[str, tuple[Callable[[Any, Path], object], str]] = {
     "pose": (lambda w, _: w.tick([0, 0, 1]), "a pose is 7 numbers"),
     "one number": (lambda w, _: w.tick(1.0), "a pose is 7 numbers"),
@@ -149,7 +151,17 @@ WRONG: dict[str, tuple[Callable[[Any, Path], object], str]] = {
     "quaternion": (lambda w, _: w.replay([FREE, [0, 0, 1, 2, 0, 0, 0]]), "poses: row 1: the quaternion has length 2"),
     "response": (lambda w, _: crease.World(w.scene, response="magic"), "response 'magic' is not known; use one of"),
     "coverage": (lambda w, _: crease.World(w.scene, coverage="x"), "coverage 'x' is not known"),
-    "stiffness": (lambda w, _: crease.World(w.scene, stiffness=-1.0), "out of range"),
+    "stiffness": (lambda w, _: crease.World(w.scene, stiffness=-1.0), "stiffness is -1.0; .* from 0 to 1e.06 N/m"),
+    "no number": (lambda w, _: crease.World(w.scene, stiffness=float("nan")), "stiffness is nan; give a number from 0"),
+    "too stiff": (lambda w, _: crease.World(w.scene, stiffness=1e9), "stiffness is 1000000000.0; give a number from 0"),
+    "word": (lambda w, _: crease.World(w.scene, stiffness=ODD["word"]), "stiffness is '2mm'; give a number from 0"),
+    "damping": (lambda w, _: crease.World(w.scene, damping=-1), "damping is -1; give a number from 0 to 10000 N s/m"),
+    "limit": (lambda w, _: crease.World(w.scene, force_max=0), "force_max is 0; give a number from 1e-06 to 1e.06 N"),
+    "mesh for a scene": (lambda w, _: crease.World(ODD["tuple"]), "scene is a tuple; give what bake or Scene.open"),
+    "none for a scene": (lambda w, _: crease.World(ODD["none"]), "scene is a NoneType; give what bake or Scene.open"),
+    "none for a file": (lambda w, _: crease.load_mesh(ODD["none"], "mm"), "path is a NoneType; give the path of a"),
+    "none for a unit": (lambda w, _: crease.load_mesh("a.stl", ODD["none"]), "unit is None; give a name such as 'mm'"),
+    "unit of none": (lambda w, _: crease.load_mesh("a.stl", 0.0), "unit is 0.0; give a name such as 'mm'"),
     "no mesh": (lambda w, at: crease.bake(w, w), "static is a World, not a mesh; give load_mesh"),
     "unit": (lambda _, at: crease.load_mesh(at / "a.stl", "furlong"), "unit 'furlong' is not known"),
     "no file": (lambda _, at: crease.load_mesh(at / "a.stl", "mm"), "a.stl: cannot be read"),
@@ -169,6 +181,28 @@ def test_an_error_is_one_line_of_the_one_tree(
         call(crease.World(scene), tmp_path)
     assert "\n" not in str(error.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("voxel_m", "2mm", "voxel_m is '2mm'; give a number of metres above 0"),
+        ("voxel_m", 0, "voxel_m is 0; give a number of metres above 0"),
+        ("voxel_m", -1, "voxel_m is -1; give"),
+        ("voxel_m", [1.0, 2.0], "voxel_m is .1.0, 2.0.; give"),
+        ("spacing_m", 0, "spacing_m is 0; give"),
+        ("tolerance_m", 0, "tolerance_m is 0; give"),
+        ("memory_max_bytes", 0, "memory_max_bytes is 0; give a number of bytes above 0"),
+        ("crease_angle_deg", 400, "crease_angle_deg is 400; give a number from 0 to 180 degrees"),
+    ],
+)
+def test_bake_refuses_by_the_name_of_the_argument(
+    name: str, value: Any, text: str, block_stl: Path, ball_stl: Path
+) -> None:
+    static, tool = crease.load_mesh(block_stl, "mm"), crease.load_mesh(ball_stl, "mm")
+    with pytest.raises(crease.MeshError, match=text) as error:
+        crease.bake(static, tool, **{name: value})
+    assert "\n" not in str(error.value)
 
 
 def test_nothing_is_replaced_unasked(scene: crease.Scene, tmp_path: Path) -> None:

@@ -89,9 +89,9 @@ def _rounded(value: float) -> float:
 
 
 def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
-    spacing = options.spacing_m or default_spacing_m(tool)
-    voxel = options.voxel_m or default_voxel_m(static, spacing)
-    tolerance = options.tolerance_m or voxel / 4
+    spacing = default_spacing_m(tool) if options.spacing_m is None else options.spacing_m
+    voxel = default_voxel_m(static, spacing) if options.voxel_m is None else options.voxel_m
+    tolerance = voxel / 4 if options.tolerance_m is None else options.tolerance_m
     for name, value in (("--spacing", spacing), ("--voxel", voxel), ("--tolerance", tolerance)):
         if not (math.isfinite(value) and value > 0):
             raise MeshError(f"{name} {value}: must be a positive length")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.arguments import check_number
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.native import COVERAGES, RESPONSES, ffi, lib
 from crease.base.records import record
@@ -205,7 +206,8 @@ class World:
 
         scene: baked, opened, or the path of its file. stiffness: N/m, 0 to 1e6. damping: N s/m, 0 to 1e4, along the
         normal, never pulling. response: how contact becomes force, a key of `crease.RESPONSES`. coverage: `soft`, a
-        sample counts by its part that is inside; `hard`, in or out. force_max: N, limit of |force|; None: 100.
+        sample counts by its part that is inside; `hard`, in or out. force_max: N, 1e-6 to 1e6, limit of |force|;
+        None: 100.
         Errors   SceneError for a setting out of range or an unknown name.   Cost  about 72 kB and a millisecond.
         Source   firmware/crease.h `cr_config`; firmware/rivals/README.md for responses of other authors.
         """
@@ -213,8 +215,12 @@ class World:
             ("response", response, RESPONSES),
             ("coverage", coverage, COVERAGES),
         ):
-            if name not in known:
+            if not isinstance(name, str) or name not in known:
                 raise SceneError(f"{what} '{name}' is not known; use one of {', '.join(known)}")
+        check_number("stiffness", stiffness, 0.0, 1e6, "N/m", SceneError)
+        check_number("damping", damping, 0.0, 1e4, "N s/m", SceneError)
+        if force_max is not None:
+            check_number("force_max", force_max, 1e-6, 1e6, "N", SceneError)
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         options = ReplayOptions(stiffness, damping, response, coverage, force_max)
         self._engine = Engine(self.scene, options)
