@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import pydoc
+import re
 import subprocess
 import sys
 import time
@@ -137,6 +139,8 @@ def test_worlds_share_a_scene_and_outlive_its_name(scene_crs: Path) -> None:
     assert crease.World(str(scene_crs)).tick(DEEP).force_N[2] == hard
 
 
+ODD: dict[str, Any] = {"word": "2mm", "none": None, "tuple": (1, 2, 3)}
+"""What a typed program would not give."""
 WRONG: dict[str, tuple[Callable[[Any, Path], object], str]] = {
     "pose": (lambda w, _: w.tick([0, 0, 1]), "a pose is 7 numbers"),
     "one number": (lambda w, _: w.tick(1.0), "a pose is 7 numbers"),
@@ -147,7 +151,17 @@ WRONG: dict[str, tuple[Callable[[Any, Path], object], str]] = {
     "quaternion": (lambda w, _: w.replay([FREE, [0, 0, 1, 2, 0, 0, 0]]), "poses: row 1: the quaternion has length 2"),
     "response": (lambda w, _: crease.World(w.scene, response="magic"), "response 'magic' is not known; use one of"),
     "coverage": (lambda w, _: crease.World(w.scene, coverage="x"), "coverage 'x' is not known"),
-    "stiffness": (lambda w, _: crease.World(w.scene, stiffness=-1.0), "out of range"),
+    "stiffness": (lambda w, _: crease.World(w.scene, stiffness=-1.0), "stiffness is -1.0; .* from 0 to 1e.06 N/m"),
+    "no number": (lambda w, _: crease.World(w.scene, stiffness=float("nan")), "stiffness is nan; give a number from 0"),
+    "too stiff": (lambda w, _: crease.World(w.scene, stiffness=1e9), "stiffness is 1000000000.0; give a number from 0"),
+    "word": (lambda w, _: crease.World(w.scene, stiffness=ODD["word"]), "stiffness is '2mm'; give a number from 0"),
+    "damping": (lambda w, _: crease.World(w.scene, damping=-1), "damping is -1; give a number from 0 to 10000 N s/m"),
+    "limit": (lambda w, _: crease.World(w.scene, force_max=0), "force_max is 0; give a number from 1e-06 to 1e.06 N"),
+    "mesh for a scene": (lambda w, _: crease.World(ODD["tuple"]), "scene is a tuple; give what bake or Scene.open"),
+    "none for a scene": (lambda w, _: crease.World(ODD["none"]), "scene is a NoneType; give what bake or Scene.open"),
+    "none for a file": (lambda w, _: crease.load_mesh(ODD["none"], "mm"), "path is a NoneType; give the path of a"),
+    "none for a unit": (lambda w, _: crease.load_mesh("a.stl", ODD["none"]), "unit is None; give a name such as 'mm'"),
+    "unit of none": (lambda w, _: crease.load_mesh("a.stl", 0.0), "unit is 0.0; give a name such as 'mm'"),
     "no mesh": (lambda w, at: crease.bake(w, w), "static is a World, not a mesh; give load_mesh"),
     "unit": (lambda _, at: crease.load_mesh(at / "a.stl", "furlong"), "unit 'furlong' is not known"),
     "no file": (lambda _, at: crease.load_mesh(at / "a.stl", "mm"), "a.stl: cannot be read"),
@@ -167,6 +181,28 @@ def test_an_error_is_one_line_of_the_one_tree(
         call(crease.World(scene), tmp_path)
     assert "\n" not in str(error.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("voxel_m", "2mm", "voxel_m is '2mm'; give a number of metres above 0"),
+        ("voxel_m", 0, "voxel_m is 0; give a number of metres above 0"),
+        ("voxel_m", -1, "voxel_m is -1; give"),
+        ("voxel_m", [1.0, 2.0], "voxel_m is .1.0, 2.0.; give"),
+        ("spacing_m", 0, "spacing_m is 0; give"),
+        ("tolerance_m", 0, "tolerance_m is 0; give"),
+        ("memory_max_bytes", 0, "memory_max_bytes is 0; give a number of bytes above 0"),
+        ("crease_angle_deg", 400, "crease_angle_deg is 400; give a number from 0 to 180 degrees"),
+    ],
+)
+def test_bake_refuses_by_the_name_of_the_argument(
+    name: str, value: Any, text: str, block_stl: Path, ball_stl: Path
+) -> None:
+    static, tool = crease.load_mesh(block_stl, "mm"), crease.load_mesh(ball_stl, "mm")
+    with pytest.raises(crease.MeshError, match=text) as error:
+        crease.bake(static, tool, **{name: value})
+    assert "\n" not in str(error.value)
 
 
 def test_nothing_is_replaced_unasked(scene: crease.Scene, tmp_path: Path) -> None:
@@ -199,6 +235,34 @@ def test_every_public_name_is_there_and_says_what_it_does() -> None:
         assert "Cost" in str(called.__doc__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = crease.nothing
+
+
+def test_help_gives_the_text_of_every_public_name_and_the_call_of_bake() -> None:
+    for name in crease.__all__:
+        value = getattr(crease, name)
+        if callable(value):
+            text = inspect.getdoc(value)
+            assert text, name
+            assert len(text) > 20, name
+    given = inspect.signature(crease.bake).parameters
+    assert list(given)[:3] == ["static", "tool", "spacing_m"]
+    assert given["crease_angle_deg"].default == 30.0
+    for text in (inspect.getdoc(crease.bake), pydoc.plain(pydoc.render_doc(crease.bake))):
+        assert "Bake a mock-up at rest and a tool into a scene." in str(text)
+        assert all(f"{name}: " in str(text) for name in list(given)[2:])
+
+
+def test_help_gives_shape_unit_and_frame_of_every_part_of_an_output() -> None:
+    shown = pydoc.plain(pydoc.render_doc(crease.Output))
+    for name, text in (
+        ("force_N", "(3,) on the tool, N, world frame"),
+        ("torque_Nm", "(3,) about the tool origin, N m, world frame"),
+        ("normal", "(3,) unit, of the deepest area"),
+        ("display_position_m", "(3,) of the tool for the eye, m, world frame"),
+        ("display_quaternion", "(4,) of the tool for the eye, unit, scalar first"),
+        ("record", "The C struct `cr_output` whole"),
+    ):
+        assert re.search(rf"{name}\n[ |]*{re.escape(text)}", shown), name
 
 
 def test_the_room_bake_can_be_called_however_it_was_imported() -> None:

@@ -103,6 +103,17 @@ def test_a_fault_is_told_and_reset_ends_it(scene: crease.Scene) -> None:
     assert not loop.run(way(20)).faults.any()
 
 
+WORD: Any = "a"
+HALF: Any = 1.5
+TUPLE: Any = (1, 2, 3)
+
+
+def started(scene: crease.Scene) -> crease.Loop:
+    loop = crease.Loop(scene, keep=False)
+    loop.start(FREE)
+    return loop
+
+
 WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s, response="nothing"), "response 'nothing' is not known"),
     (lambda s: crease.Loop(s, stiffness=-1.0), "stiffness"),
@@ -112,6 +123,23 @@ WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s).tick([0, 0, 1, 2, 0, 0, 0]), "quaternion has length 2"),
     (lambda s: crease.Loop(s).hold(3), "no pose yet"),
     (lambda s: crease.Worlds(s, 4, response="nothing"), "response 'nothing' is not known"),
+    (lambda s: started(s).hold(-1), "ticks is -1; give a whole number of 1 or more"),
+    (lambda s: started(s).hold(HALF), "ticks is 1.5; give a whole number of 1 or more"),
+    (lambda s: started(s).hold(0), "ticks is 0; give a whole number of 1 or more"),
+    (lambda s: crease.Loop(s).save("never.crr"), "never.crr: the loop has no ticks to write yet"),
+    (lambda s: crease.Loop(s, stiffness=WORD), "stiffness is 'a'; give a number from 0"),
+    (lambda s: crease.Loop(s, damping=-1), "damping is -1; give a number from 0 to 1000 N s/m"),
+    (lambda s: crease.Loop(s, hand=TUPLE), "hand is .1, 2, 3.; give crease.Hand"),
+    (lambda s: crease.Loop(s, hand=crease.Hand(-1, 1, 1)), "hand: mass_kg is -1; .* 0 to 100 kg"),
+    (lambda s: crease.Loop(s, hand=crease.Hand(1, 1, 2e6)), "hand: stiffness_N_m is 2000000.0"),
+    (lambda s: crease.Worlds(s, 0), "count is 0; give a whole number of 1 or more"),
+    (lambda s: crease.Worlds(s, WORD), "count is 'a'; give a whole number of 1 or more"),
+    (lambda s: crease.Worlds(s, HALF), "count is 1.5; give a whole number of 1 or more"),
+    (lambda s: crease.Worlds(s, 3, threads=0), "threads is 0; give a whole number of 1 or more"),
+    (
+        lambda s: crease.Worlds(s, 10**9),
+        "1,000,000,000 worlds take .* half of this machine's memory",
+    ),
     (lambda s: crease.Worlds(s, 4).step(np.zeros((3, 7))), "give \\(4, 7\\), one pose a world"),
     (lambda s: crease.Worlds(s, 4).step([["a"] * 7] * 4), "not numbers"),
     (lambda s: crease.Worlds(s, 4).reset(np.ones(3, bool)), "4 truth values"),
@@ -160,9 +188,6 @@ def test_worlds_are_reset_one_by_one(scene: crease.Scene) -> None:
     poses[1] = PRESSED
     assert (worlds.step(poses)["force_N"][:, 2] > 1.0).all()
     assert not worlds.reset()["force_N"].any()
-    for count, threads in ((0, None), (3, 0)):
-        with pytest.raises(ValueError, match="1 or more"):
-            crease.Worlds(scene, count, threads=threads)
 
 
 def test_observations_are_copies(scene: crease.Scene) -> None:

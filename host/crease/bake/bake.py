@@ -14,10 +14,11 @@ import numpy.typing as npt
 from crease.bake.distance_errors import measure_errors
 from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
-from crease.bake.limits import check_grid, check_spacing, default_memory_max
+from crease.bake.limits import check_grid, check_spacing
 from crease.bake.shell import Shell, make_shell
 from crease.bake.surface import Surface, make_surface
 from crease.bake.voxmap import Voxmap, make_voxmap
+from crease.base.arguments import default_memory_max
 from crease.base.errors import MeshError
 from crease.base.native import lib
 from crease.base.units import format_length, format_size
@@ -88,9 +89,9 @@ def _rounded(value: float) -> float:
 
 
 def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
-    spacing = options.spacing_m or default_spacing_m(tool)
-    voxel = options.voxel_m or default_voxel_m(static, spacing)
-    tolerance = options.tolerance_m or voxel / 4
+    spacing = default_spacing_m(tool) if options.spacing_m is None else options.spacing_m
+    voxel = default_voxel_m(static, spacing) if options.voxel_m is None else options.voxel_m
+    tolerance = voxel / 4 if options.tolerance_m is None else options.tolerance_m
     for name, value in (("--spacing", spacing), ("--voxel", voxel), ("--tolerance", tolerance)):
         if not (math.isfinite(value) and value > 0):
             raise MeshError(f"{name} {value}: must be a positive length")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from crease.bake.bake import BakeOptions, bake_scene
 from crease.bake.bodies import pack_bodies
+from crease.base.arguments import check_number, check_positive
 from crease.base.errors import MeshError
 from crease.base.scene import Scene, open_image
 from crease.mesh.mesh import Mesh
@@ -26,14 +27,15 @@ def bake(
     """Bake a mock-up at rest and a tool into a scene.
 
     spacing_m: distance between samples of the tool; None: 1/30 of its middle size, at most about 20,000 samples.
-    voxel_m: side of a voxel; None: the spacing, at least 1/600 of the mock-up. crease_angle_deg: sharper edges are
-    creases. tolerance_m: refine until the distance error near the surface is below this; None: a quarter of a voxel.
-    image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work that takes more;
-    None: half of the machine's. progress: called with what is done and the part of it that is, 0..1.
+    voxel_m: side of a voxel; None: the spacing, at least 1/600 of the mock-up. crease_angle_deg: 0 to 180, edges
+    that turn more are creases. tolerance_m: refine until the distance error near the surface is below this; None: a
+    quarter of a voxel. image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work
+    that takes more; None: half of the machine's. progress: called with what is done and the part of it that is, 0..1.
 
     Units    m, degrees, bytes.
     Output   a scene as `crease bake` makes it, to the byte; `warnings` holds what its command line would say.
-    Errors   MeshError when sizes do not fit together, or would take more memory than they may.
+    Errors   MeshError naming an argument that is out of range; when sizes do not fit together, or would take more
+             memory than they may.
     Cost     about a second for small parts, minutes for a million triangles.
     Source   host/crease/bake/README.md "Voxmap" and "Point shell".
     """
@@ -42,6 +44,16 @@ def bake(
             raise MeshError(
                 f"{name} is a {type(mesh).__name__}, not a mesh; give load_mesh(path, unit)"
             )
+    for name, value, unit in (
+        ("spacing_m", spacing_m, "a number of metres"),
+        ("voxel_m", voxel_m, "a number of metres"),
+        ("tolerance_m", tolerance_m, "a number of metres"),
+        ("image_max_bytes", image_max_bytes, "a number of bytes"),
+        ("memory_max_bytes", memory_max_bytes, "a number of bytes"),
+    ):
+        if value is not None:
+            check_positive(name, value, unit, MeshError)
+    check_number("crease_angle_deg", crease_angle_deg, 0.0, 180.0, "degrees", MeshError)
     options = BakeOptions(
         voxel_m, spacing_m, crease_angle_deg, tolerance_m, memory_max_bytes, image_max_bytes
     )

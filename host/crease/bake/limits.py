@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 
 import numpy as np
 
@@ -20,16 +19,6 @@ GRID_BYTES = 40
 """Peak memory for each brick of the whole grid: flags, the distance transform and the top level."""
 BASE_BYTES = 300_000_000
 """Interpreter, libraries and both meshes."""
-
-
-def memory_of_machine() -> int:
-    """Bytes of memory of this machine."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def default_memory_max() -> int:
-    """Half the memory of the machine."""
-    return memory_of_machine() // 2
 
 
 def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:

@@ -49,9 +49,15 @@ class Scene:
         Cost     reads every byte once, 5 ms for 2 MB.
         Source   firmware/SPEC.md.
         """
-        scene = open_scene(Path(path))
         try:
-            glb = meshes_path(Path(path)).read_bytes()
+            path = Path(path)
+        except TypeError as error:
+            raise SceneError(
+                f"scene is a {type(path).__name__}; give what bake or Scene.open returned, or the path of a scene file"
+            ) from error
+        scene = open_scene(path)
+        try:
+            glb = meshes_path(path).read_bytes()
         except OSError:
             return scene
         return replace(scene, meshes_glb=glb)

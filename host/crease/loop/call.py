@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.arguments import check_number, check_whole
 from crease.base.errors import LoopError, TrajectoryError
 from crease.base.native import lib
 from crease.base.scene import Scene
@@ -129,6 +130,10 @@ class Loop:
         Source   firmware/servo/DESIGN.md, sim/DESIGN.md; every number of the device is assumed, none measured.
         """
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
+        check_number("stiffness", stiffness, 0.0, 1e6, "N/m", LoopError)
+        if damping is not None:
+            check_number("damping", damping, 0.0, 1e3, "N s/m", LoopError)
+        _check_hand(hand)
         self._setup = Setup(
             stiffness_N_m=stiffness, response=response, hand=hand, damping_Ns_m=damping
         )
@@ -194,7 +199,10 @@ class Loop:
         return self._take(len(targets))
 
     def hold(self, ticks: int) -> Felt:
-        """The hand wants what it wanted before.   Output: one row a tick.   Errors: LoopError before the first pose."""
+        """The hand wants what it wanted before.   Output: one row a tick.   Errors: LoopError before the first pose,
+        and for ticks that are no whole number.
+        """
+        ticks = check_whole("ticks", ticks, 1, LoopError)
         if self._last is None:
             raise LoopError("the hand has no pose yet; call start, tick or run first")
         self._loop.run(np.repeat(self._last[None, :], ticks, axis=0))
@@ -207,10 +215,15 @@ class Loop:
     def save(self, file: str | Path, *, force: bool = False) -> Path:
         """Write the recording of all ticks since power-on (.crr), which `crease replay` runs again to the bit.
 
-        force: replace a file that exists. Output: the path.   Errors: LoopError with keep=False; as Scene.save.
+        force: replace a file that exists. Output: the path.   Errors: LoopError with keep=False, and before
+        the first pose; as Scene.save.
         """
         if not self._keep:
             raise LoopError(f"{file}: the loop was made with keep=False and has no ticks to write")
+        if not self.ticks:
+            raise LoopError(
+                f"{file}: the loop has no ticks to write yet; call start, tick or run first"
+            )
         file = Path(file)
         check_suffix(file, (SUFFIX,))
         check_target(file, force, how="force=True")
@@ -230,6 +243,20 @@ class Loop:
         if self._keep:
             return Felt(*self._loop.latest(ticks))
         return Felt(*self._loop.drain())
+
+
+_HAND = (("mass_kg", 100.0, "kg"), ("damping_Ns_m", 1e4, "N s/m"), ("stiffness_N_m", 1e6, "N/m"))
+"""What the simulator takes for an operator (sim/mech.c): from 0 to this."""
+
+
+def _check_hand(hand: object) -> None:
+    """Errors: LoopError naming the field."""
+    if not isinstance(hand, Hand):
+        raise LoopError(
+            f"hand is {hand!r:.80}; give crease.Hand(mass_kg, damping_Ns_m, stiffness_N_m)"
+        )
+    for name, high, unit in _HAND:
+        check_number(f"hand: {name}", getattr(hand, name), 0.0, high, unit, LoopError)
 
 
 def _vector(value: npt.ArrayLike) -> F64:

@@ -43,7 +43,10 @@ LEAD_TICKS, SETTLE_TICKS = 2000, 1500
 
 @dataclass(frozen=True)
 class Hand:
-    """The operator: a mass on spring and damper that follows its target through a low-pass of 10 Hz."""
+    """The operator: a mass on spring and damper that follows its target through a low-pass of 10 Hz.
+
+    mass_kg: 0 to 100; 0: nobody holds the tool. damping_Ns_m: 0 to 1e4. stiffness_N_m: 0 to 1e6.
+    """
 
     mass_kg: float
     damping_Ns_m: float

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.errors import MeshError
+from crease.base.arguments import check_positive
+from crease.base.errors import MeshError, UnitError
 from crease.base.table import describe
 from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
@@ -71,7 +72,15 @@ def load_mesh(
     mend.
     Cost: 6 s and 1 GB for a million triangles of STL.
     """
-    path, unit_m = Path(path), parse_unit(unit) if isinstance(unit, str) else unit
+    try:
+        path = Path(path)
+    except TypeError as error:
+        raise MeshError(
+            f"path is a {type(path).__name__}; give the path of a mesh file, or arrays to make_mesh"
+        ) from error
+    if not isinstance(unit, str):
+        check_positive("unit", unit, "a name such as 'mm', or a number of metres", UnitError)
+    unit_m = parse_unit(unit) if isinstance(unit, str) else unit
     label = f"reading {path.name}"
     progress(label, 0.0)
     source = _read_bytes(path)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.arguments import check_number
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.native import COVERAGES, RESPONSES, ffi, lib
 from crease.base.records import record
@@ -28,6 +29,8 @@ OUTPUT = record("cr_output")
 """Of firmware/crease.h."""
 
 POSE_NUMBERS = 7
+_OBJECTS_BYTES = 4_000
+"""Of Python for a world: measured."""
 
 
 class Output:
@@ -37,23 +40,22 @@ class Output:
     Frames: world is the frame of the static mesh. Units: SI. All numbers are finite.
     """
 
-    __slots__ = (
-        *("_cell", "display_position_m", "display_quaternion", "force_N"),
-        *("normal", "record", "torque_Nm"),
-    )
+    __slots__ = {
+        "_cell": None,
+        "display_position_m": "(3,) of the tool for the eye, m, world frame: moved out of the static object.",
+        "display_quaternion": "(4,) of the tool for the eye, unit, scalar first, world_from_tool.",
+        "force_N": "(3,) on the tool, N, world frame.",
+        "normal": "(3,) unit, of the deepest area, out of the static object, world frame; zeros in free space.",
+        "record": "The C struct `cr_output` whole, a structured array (1,); names as in firmware/crease.h.",
+        "torque_Nm": "(3,) about the tool origin, N m, world frame.",
+    }
 
     record: npt.NDArray[Any]
-    """The C struct `cr_output` whole, a structured array (1,); names as in firmware/crease.h."""
     force_N: F32
-    """(3,) on the tool, world frame."""
     torque_Nm: F32
-    """(3,) about the tool origin, world frame."""
     normal: F32
-    """(3,) unit, of the deepest area, out of the static object; zeros in free space."""
     display_position_m: F32
-    """(3,) of the tool for the eye: moved out of the static object."""
     display_quaternion: F32
-    """(4,) scalar first, of the tool for the eye."""
 
     def __init__(self, memory: npt.NDArray[Any]) -> None:
         """memory: structured array OUTPUT (1,), written by the world."""
@@ -67,7 +69,7 @@ class Output:
 
     @property
     def depth_m(self) -> float:
-        """Depth of the deepest area; 0 in free space."""
+        """Depth of the deepest area, m; 0 in free space."""
         return float(self._cell["depth_m"])
 
     @property
@@ -204,16 +206,21 @@ class World:
 
         scene: baked, opened, or the path of its file. stiffness: N/m, 0 to 1e6. damping: N s/m, 0 to 1e4, along the
         normal, never pulling. response: how contact becomes force, a key of `crease.RESPONSES`. coverage: `soft`, a
-        sample counts by its part that is inside; `hard`, in or out. force_max: N, limit of |force|; None: 100.
-        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 60 kB and a millisecond.
+        sample counts by its part that is inside; `hard`, in or out. force_max: N, 1e-6 to 1e6, limit of |force|;
+        None: 100.
+        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 72 kB and a millisecond.
         Source   firmware/crease.h `cr_config`; firmware/rivals/README.md for responses of other authors.
         """
         for what, name, known in (
             ("response", response, RESPONSES),
             ("coverage", coverage, COVERAGES),
         ):
-            if name not in known:
+            if not isinstance(name, str) or name not in known:
                 raise SceneError(f"{what} '{name}' is not known; use one of {', '.join(known)}")
+        check_number("stiffness", stiffness, 0.0, 1e6, "N/m", SceneError)
+        check_number("damping", damping, 0.0, 1e4, "N s/m", SceneError)
+        if force_max is not None:
+            check_number("force_max", force_max, 1e-6, 1e6, "N", SceneError)
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         options = ReplayOptions(stiffness, damping, response, coverage, force_max)
         self._engine = Engine(self.scene, options)
@@ -224,6 +231,11 @@ class World:
         self._out_c = ffi.cast("cr_output *", ffi.from_buffer(memory))
         self._out = Output(memory)
         self._tick = lib.cr_tick
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory that it takes, without the scene's."""
+        return self._engine.size_bytes + OUTPUT.itemsize + _OBJECTS_BYTES
 
     @property
     def handle(self) -> Any:
