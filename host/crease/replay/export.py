@@ -33,6 +33,8 @@ FORMATS = ("mcap", "csv", "npz", "parquet")
 WORLD, TOOL, ORIGIN, BASE = "world", "tool", "tool_origin", "device"
 """Frames. ORIGIN: at the tool's origin with the axes of the world; torques are about it."""
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
+UNIT_TOLERANCE = 1e-3
+"""How far the length of a quaternion may be from one."""
 POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 DISPLAY = ("dx_m", "dy_m", "dz_m", "dqx", "dqy", "dqz", "dqw")
 WRENCH = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
@@ -40,8 +42,8 @@ CONTACT = ("depth_m", "nx", "ny", "nz", "areas", "zones", "contacts", "tick_ns")
 JOINTS = ["guide", "upper_arm", "forearm"]
 
 Columns = dict[str, Column]
-Encode = Callable[[int, int], bytes]
-"""Row and time in ns -> the bytes of a message."""
+Encode = Callable[[int, int], bytes | None]
+"""Row and time in ns -> the bytes of a message; None: this row has nothing to say."""
 Topics = dict[str, tuple[str, Encode]]
 """Topic -> name of its message, and how a row becomes one."""
 
@@ -118,8 +120,22 @@ def _stamped(name: str, frame: str, rows: npt.NDArray[np.float64]) -> tuple[str,
     )
 
 
+def _known(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which poses have a rotation, (n,): before the device is calibrated there is none, and tf2 refuses such."""
+    return np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) < UNIT_TOLERANCE
+
+
+def _poses(rows: npt.NDArray[np.float64]) -> tuple[str, Encode]:
+    known, (name, encode) = _known(rows), _stamped("Pose", WORLD, rows)
+    return name, lambda i, t: encode(i, t) if known[i] else None
+
+
 def _tf(rows: npt.NDArray[np.float64]) -> tuple[str, Encode]:
-    def encode(i: int, t: int) -> bytes:
+    known = _known(rows)
+
+    def encode(i: int, t: int) -> bytes | None:
+        if not known[i]:
+            return None
         message = Message().uint32(2).header(t, WORLD).string(TOOL).float64(rows[i])
         return message.header(t, WORLD).string(ORIGIN).float64((*rows[i][:3], *NO_TURN)).done()
 
@@ -132,9 +148,9 @@ def table_topics(columns: Columns, path: Path) -> Topics:
     topics: Topics = {}
     if pose is not None:
         topics["/tf"] = _tf(pose)
-        topics["/tool/pose"] = _stamped("Pose", WORLD, pose)
+        topics["/tool/pose"] = _poses(pose)
     if display is not None:
-        topics["/tool/display_pose"] = _stamped("Pose", WORLD, display)
+        topics["/tool/display_pose"] = _poses(display)
     if wrench is not None:
         topics["/contact/wrench"] = _stamped("Wrench", ORIGIN, wrench)
     if contact is not None:
@@ -171,7 +187,7 @@ def recording_topics(recording: Recording) -> Topics:
 
     return {
         "/tf": _tf(pose),
-        "/tool/pose": _stamped("Pose", WORLD, pose),
+        "/tool/pose": _poses(pose),
         "/contact/wrench": _stamped("Wrench", ORIGIN, contact),
         "/device/force": _stamped("Vector3", WORLD, rows["force_N"].astype(np.float64)),
         "/device/joints": ("sensor_msgs/msg/JointState", joints),
@@ -203,9 +219,11 @@ def _write_mcap(out: Path, t_s: Column, topics: Topics) -> None:
         }
         for i, t in enumerate(_times_ns(t_s)):
             for topic, (_, encode) in topics.items():
-                writer.add_message(
-                    channels[topic], log_time=t, publish_time=t, sequence=i, data=encode(i, t)
-                )
+                data = encode(i, t)
+                if data is not None:
+                    writer.add_message(
+                        channels[topic], log_time=t, publish_time=t, sequence=i, data=data
+                    )
         writer.finish()  # type: ignore[no-untyped-call]
 
     write_atomic(out, write)
