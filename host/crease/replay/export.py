@@ -122,7 +122,10 @@ def _stamped(name: str, frame: str, rows: npt.NDArray[np.float64]) -> tuple[str,
 
 def _known(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Which poses have a rotation, (n,): before the device is calibrated there is none, and tf2 refuses such."""
-    return np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) < UNIT_TOLERANCE
+    known: npt.NDArray[np.bool_] = (
+        np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) < UNIT_TOLERANCE
+    )
+    return known
 
 
 def _poses(rows: npt.NDArray[np.float64]) -> tuple[str, Encode]:
