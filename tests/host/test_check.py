@@ -71,6 +71,23 @@ def test_a_mesh_that_would_be_refused_is_told_after_the_others(
     assert crease("check", flat, "--unit", "mm", "--sheet", "1").status == 0
 
 
+def test_a_file_that_cannot_be_read_is_told_after_the_others(
+    tmp_path: Path, plate: Path, crease: Run
+) -> None:
+    bad = tmp_path / "garbage.stl"
+    bad.write_bytes(b"not a mesh at all")
+    for order in ((plate, bad), (bad, plate)):
+        said = crease("check", *order, "--unit", "mm")
+        assert said.status == 1
+        assert f"{plate}: 12 triangles" in said.out
+        assert "1 of 2 would be refused" in said.err
+        assert f"{bad}: is cut off" in said.err
+        assert said.err.count("error: ") == 1
+    said = crease("check", plate, bad, "--unit", "mm", "--json")
+    assert said.status == 1
+    assert [one["triangles"] for one in said.json["meshes"]] == [12]
+
+
 def test_the_picture_is_written(tmp_path: Path, plate: Path, crease: Run) -> None:
     picture = tmp_path / "found.png"
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 0

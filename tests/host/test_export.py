@@ -213,6 +213,15 @@ def test_what_cannot_be_exported_is_refused(
     assert [p.name for p in tmp_path.iterdir()] == (["in.csv"] if text is not None else [])
 
 
+def test_another_kind_of_file_is_told_the_kinds_it_takes(tmp_path: Path, crease: Run) -> None:
+    other = tmp_path / "passwd"
+    other.write_text("root", encoding="ascii")
+    said = crease("export", other, "--to", "csv")
+    assert (said.status, said.out) == (1, "")
+    assert "is no recording (.crr) and no table (.csv, .npz)" in said.err
+    assert list(tmp_path.iterdir()) == [other]
+
+
 @pytest.mark.parametrize(("kind", "package"), [("mcap", "mcap.writer"), ("parquet", "pyarrow")])
 def test_a_package_that_is_missing_is_named(
     kind: str, package: str, press_out: Path, tmp_path: Path, crease: Run, monkeypatch: pytest.MonkeyPatch

@@ -284,6 +284,7 @@ def test_a_machine_that_stood_still_loses_ticks_and_says_so(
     running._run()
     assert running.counts.lost == 999
     assert running.counts.ticks == 1.03e3 - 999
+    assert running.counts.late_max_ms == pytest.approx(999.0)  # the loss is the worst of all
 
 
 def test_a_place_out_of_reach_is_told_and_the_tool_stays() -> None:

@@ -51,6 +51,11 @@ def test_sound_box_passes_without_warning() -> None:
     assert volume(mesh) == pytest.approx(1.0)
 
 
+def test_a_mesh_prints_its_name_counts_and_size() -> None:
+    mesh = make_mesh(*box((0, 0, 0), (0.1, 0.06, 0.002)), source="plate")
+    assert repr(mesh) == "Mesh('plate': 8 vertices, 12 triangles, 100 mm x 60 mm x 2 mm)"
+
+
 def test_triangle_soup_is_welded_without_warning() -> None:
     vertices, triangles = box()
     mesh = make_mesh(vertices[triangles].reshape(-1, 3), np.arange(36).reshape(-1, 3))

@@ -160,10 +160,10 @@ class Session:
                 if late <= 0:
                     time.sleep(NAP_S)
                     continue
+                self.counts.late_max_ms = max(self.counts.late_max_ms, 1e3 * PERIOD_S * (late - 1))
                 if late > LATE_TICKS:
                     self.counts.lost += late - 1
                     late = 1
-                self.counts.late_max_ms = max(self.counts.late_max_ms, 1e3 * PERIOD_S * (late - 1))
                 self._tick(late)
                 if self.loop.faults:
                     self._restart()

@@ -51,6 +51,11 @@ class Mesh:
     warnings: tuple[str, ...] = ()
     unit_m: float = 1.0
 
+    def __repr__(self) -> str:
+        size = " x ".join(format_length(float(side)) for side in np.ptp(self.vertices_m, axis=0))
+        counts = f"{len(self.vertices_m)} vertices, {len(self.triangles)} triangles"
+        return f"Mesh({self.source!r}: {counts}, {size})"
+
 
 def load_mesh(
     path: str | Path,

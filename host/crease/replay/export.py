@@ -30,6 +30,7 @@ from crease.replay.replay import to_columns as tick_columns
 from crease.replay.trajectory import Trajectory
 
 FORMATS = ("mcap", "csv", "npz", "parquet")
+TABLES = (".csv", ".npz")
 WORLD, TOOL, ORIGIN, BASE = "world", "tool", "tool_origin", "device"
 """Frames. ORIGIN: at the tool's origin with the axes of the world; torques are about it."""
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
@@ -53,6 +54,10 @@ def load(path: Path) -> tuple[Columns, Recording | None]:
     if is_recording(path):
         recording = load_recording(path)
         return to_columns(recording.rows), recording
+    if path.exists() and path.suffix.lower() not in TABLES:
+        raise TableError(
+            f"{path}: is no recording (.crr) and no table (.csv, .npz); give one of them"
+        )
     columns = read_table(path)
     if "t_s" not in columns:
         raise TableError(

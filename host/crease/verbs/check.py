@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crease.base.errors import CreaseError
+from crease.base.errors import CreaseError, MeshError
 from crease.base.table import check_suffix, check_target
 from crease.base.units import METRES, format_length
 from crease.verbs.common import (
@@ -56,19 +56,24 @@ def run(args: argparse.Namespace) -> None:
         check_suffix(args.output, (".png",))
         check_target(args.output, args.force)
     sheet_m, voxel_m = metres(args.sheet, args.unit), metres(args.voxel, args.unit)
-    findings = [examine(path, args.unit, args.crease_angle, sheet_m) for path in args.meshes]
+    findings, unread = [], []
+    for path in args.meshes:
+        try:
+            findings.append(examine(path, args.unit, args.crease_angle, sheet_m))
+        except MeshError as error:
+            unread.append(str(error))
+    if len(unread) == len(args.meshes) == 1:
+        raise CreaseError(unread[0])
     if args.json:
         print_json({"meshes": [one.report() for one in findings]})
     else:
         for one in findings:
             print_lines(rows(one, voxel_m))
-    if args.output is not None:
+    if args.output is not None and not unread:
         draw_findings(findings, args.output)
-    refused = [one for one in findings if one.mesh is None]
+    refused = unread + [one.reason for one in findings if one.mesh is None]
     if refused:
-        raise CreaseError(
-            f"{len(refused)} of {len(findings)} would be refused; {refused[0].reason}"
-        )
+        raise CreaseError(f"{len(refused)} of {len(args.meshes)} would be refused; {refused[0]}")
 
 
 def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
