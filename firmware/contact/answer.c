@@ -1,8 +1,6 @@
 /* answer: the stages in their order, and the contacts they make. */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* A point on which a force along the normal has this moment about the tool origin, nearest to the middle of what is inside. */
 static cr_vec3 point_of_force(const cr_way_half *half, cr_vec3 middle) {
     return v3_mad(v3_cross(half->normal, half->arm_m), half->normal, v3_dot(half->normal, middle));
@@ -57,9 +55,27 @@ static void report(const cr_respond_input *in, const cr_way_relations *r, const 
     }
 }
 
+/* Contact of each zone: that of its half-space, or where that does not push, of the one that pushes most along it. */
+static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr_way_half *half, const uint32_t *area,
+                        uint32_t count) {
+    for (uint32_t z = 0; z < zones->count; z++) {
+        const uint32_t mine = r->half_of[z];
+        float most = -3.0f;
+        zones->area_of[z] = area[mine];
+        for (uint32_t h = 0; h < count && area[mine] == CR_HIT_NONE; h++) {
+            const float along = v3_dot(half[mine].normal, half[h].normal);
+            if (area[h] != CR_HIT_NONE && along > most) {
+                most = along;
+                zones->area_of[z] = area[h];
+            }
+        }
+    }
+}
+
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
-    const cr_way_zones *zones = &in->set->way;
+    cr_way_zones *zones = &in->set->way;
     cr_way_half *half = work->half;
+    uint32_t area[CR_WAY_ZONES_MAX];
     cr_vec3 normal[CR_WAY_ZONES_MAX];
     float depth[CR_WAY_ZONES_MAX], push[CR_WAY_ZONES_MAX];
     uint32_t made = 0u;
@@ -71,14 +87,15 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
     }
     cr_way_resolve(normal, depth, count, push);
     for (uint32_t h = 0; h < count; h++) {
+        area[h] = CR_HIT_NONE;
         if (push[h] > 0.0f && made == room) {
             stats->areas_merged++;
         } else if (push[h] > 0.0f) {
+            area[h] = made;
             report(in, &work->relations, &half[h], push[h], &out[made++]);
         }
     }
+    label_zones(zones, &work->relations, half, area, count);
     stats->zones_dropped += zones->dropped + zones->layers.dropped;
     return made;
 }
-
-#endif

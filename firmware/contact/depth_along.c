@@ -1,8 +1,6 @@
 /* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. WAY_OUT.md "Depth". */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* How much deeper than what is nearest to a plane a sample elsewhere may be below it. */
 #define BEYOND 2.0f
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
@@ -545,5 +543,3 @@ void cr_way_measure(const cr_respond_input *in, const cr_way_relations *relation
         }
     }
 }
-
-#endif

@@ -4,8 +4,6 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* A piece of face counts in full up to so many half-widths from its middle, and fades out from there on: pieces overlap, none leaves a gap. */
 #define FULL_BENT 1.42f
 #define FULL_FLAT 1.0f
@@ -127,5 +125,3 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     }
     return best;
 }
-
-#endif

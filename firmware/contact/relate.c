@@ -4,8 +4,6 @@
  * between each counts for the other by a part that changes continuously. */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* Sine of the elevation of a zone above the plane of another from which on they are apart. */
 #define APART_SINE 0.2f
 /* What is left of a sum outside the cone of the normals touched is sampling error up to this share of it. */
@@ -307,5 +305,3 @@ uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_
     share_arms(out, count);
     return count;
 }
-
-#endif

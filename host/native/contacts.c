@@ -1,6 +1,6 @@
 #include "contacts.h"
 
-#include "contact/stages.h"
+#include "contact/way_out.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -50,15 +50,34 @@ void crv_watch_free(crv_watch *watch) {
     }
 }
 
+/* Heaviest zone of a hit, or CR_WAY_NONE: responses of rivals/ know none. */
+static uint32_t zone_of(const cr_contact_set *set, uint32_t hit) {
+    uint32_t best = CR_WAY_NONE;
+    for (uint32_t z = 0; z < set->way.count; z++) {
+        const int its = (int)(set->way.reach[hit].zones >> z & 1u);
+        if (its && (best == CR_WAY_NONE || set->way.zones[z].weight_m3 > set->way.zones[best].weight_m3)) {
+            best = z;
+        }
+    }
+    return best;
+}
+
+/* Area of a hit, CR_AREAS_MAX for none. */
+static uint32_t area_of(const cr_contact_set *set, uint32_t hit) {
+    const uint32_t zone = zone_of(set, hit), area = zone == CR_WAY_NONE ? set->hits[hit].area : set->way.area_of[zone];
+    return area < CR_AREAS_MAX ? area : CR_AREAS_MAX;
+}
+
 /* Labels of this tick's areas: that of most of an area's samples in the last tick, a free one for a new area. */
 static void label_areas(const crv_watch *watch, const cr_contact_set *set, uint32_t *label) {
-    uint32_t votes[CR_AREAS_MAX][CR_AREAS_MAX] = {{0u}};
+    uint32_t votes[CR_AREAS_MAX + 1][CR_AREAS_MAX] = {{0u}};
     uint64_t taken = 0u, done = 0u; /* CR_AREAS_MAX is 64 at most */
     for (uint32_t h = 0; h < set->hit_count; h++) {
         const cr_hit *hit = &set->hits[h];
+        const uint32_t area = area_of(set, h);
         for (uint32_t i = 0; i < watch->scene->clusters[hit->cluster].count; i++) {
             uint32_t before = watch->states[(size_t)hit->cluster * CR_LANES + i].area;
-            votes[hit->area][before == 0u ? 0u : before - 1u] += before != 0u && (hit->covered >> i & 1u);
+            votes[area][before == 0u ? 0u : before - 1u] += before != 0u && (hit->covered >> i & 1u);
         }
     }
     for (;;) { /* the pair of most votes first; each pass gives one label away */
@@ -89,32 +108,31 @@ static void label_areas(const crv_watch *watch, const cr_contact_set *set, uint3
     }
 }
 
-/* Of the patches that a cluster touches, the one whose surface each lane is nearest to. */
-static void find_patches(const crv_watch *watch, const xform *pose, const cr_hit *hit, const cr_touch *touches,
-                         uint32_t count, uint32_t *patch) {
-    const struct cr_img_cluster *c = &watch->scene->clusters[hit->cluster];
+/* Patch that a lane is nearest to: by the facets of its cell. */
+static uint32_t patch_of_lane(const crv_watch *watch, const cr_lookup *at, uint32_t i, cr_vec3 p, uint32_t otherwise) {
     const struct cr_img_facet *facets = watch->scene->facets;
-    for (uint32_t i = 0; i < CR_LANES; i++) {
-        patch[i] = count > 0u ? facets[touches[0].facet].patch : CRV_PATCH_NONE;
+    cr_way_facets on;
+    if ((at->from_facet >> i & 1u) != 0u) {
+        return facets[at->facet[i]].patch;
     }
-    if (count < 2u) {
-        return;
+    cr_way_facets_of(&watch->field, at, (int)i, p, &on);
+    uint32_t best = 0u;
+    for (uint32_t k = 1; k < on.count; k++) {
+        best = on.share[k] > on.share[best] ? k : best;
     }
+    return on.count > 0u ? facets[on.facet[best]].patch : otherwise;
+}
+
+static void find_patches(const crv_watch *watch, const xform *pose, const cr_contact_set *set, uint32_t hit,
+                         uint32_t *patch) {
+    const struct cr_img_cluster *c = &watch->scene->clusters[set->hits[hit].cluster];
+    const uint32_t zone = zone_of(set, hit), otherwise = zone == CR_WAY_NONE ? CRV_PATCH_NONE : set->way.zones[zone].patch;
     cr_lanes3 world;
     cr_lookup at;
     cr_lanes_to_world(pose, c->x, c->y, c->z, &world);
     cr_field_look_up(&watch->field, &world, &at);
-    for (uint32_t i = 0; i < c->count; i++) {
-        float best = 3.4e38f;
-        cr_vec3 p = v3(world.x[i], world.y[i], world.z[i]);
-        for (uint32_t t = 0; t < count; t++) {
-            const struct cr_img_facet *facet = &facets[touches[t].facet];
-            float off = abs_f(v3_dot(v3_from(facet->normal), p) - facet->offset_m - at.phi_m[i]);
-            if (off < best) {
-                best = off;
-                patch[i] = facet->patch;
-            }
-        }
+    for (uint32_t i = 0; i < CR_LANES; i++) {
+        patch[i] = patch_of_lane(watch, &at, i, lane_of(&world, (int)i), otherwise);
     }
 }
 
@@ -138,19 +156,16 @@ static size_t change_cluster(crv_watch *watch, uint32_t cluster, const state *ne
 
 /* Samples of the cluster of hit h, over all hits that it has: they follow each other. Returns the next cluster's hit. */
 static uint32_t find_states(const crv_watch *watch, const xform *pose, const cr_contact_set *set, const uint32_t *label,
-                            uint32_t h, uint32_t *touch, state *next) {
+                            uint32_t h, state *next) {
     const uint32_t cluster = set->hits[h].cluster;
     uint32_t patch[CR_LANES];
     for (; h < set->hit_count && set->hits[h].cluster == cluster; h++) {
         const cr_hit *hit = &set->hits[h];
-        const uint32_t first = *touch;
-        while (*touch < set->touch_count && set->touches[*touch].hit == h) {
-            (*touch)++;
-        }
-        find_patches(watch, pose, hit, &set->touches[first], *touch - first, patch);
+        const uint32_t area = area_of(set, h);
+        find_patches(watch, pose, set, h, patch);
         for (uint32_t i = 0; i < CR_LANES; i++) {
-            if (hit->covered >> i & 1u) {
-                next[i].area = 1u + label[hit->area];
+            if (area < CR_AREAS_MAX && (hit->covered >> i & 1u)) {
+                next[i].area = 1u + label[area];
                 next[i].patch = patch[i];
             }
         }
@@ -160,7 +175,7 @@ static uint32_t find_states(const crv_watch *watch, const xform *pose, const cr_
 
 static size_t find_changes(crv_watch *watch, const cr_pose *shown, const cr_contact_set *set, crv_change *changes) {
     const xform pose = xform_from_pose(shown);
-    uint32_t label[CR_AREAS_MAX], touch = 0u;
+    uint32_t label[CR_AREAS_MAX];
     state next[CR_LANES];
     size_t count = 0;
     watch->tick++;
@@ -170,7 +185,7 @@ static size_t find_changes(crv_watch *watch, const cr_pose *shown, const cr_cont
         for (uint32_t i = 0; i < CR_LANES; i++) {
             next[i] = no_contact;
         }
-        h = find_states(watch, &pose, set, label, h, &touch, next);
+        h = find_states(watch, &pose, set, label, h, next);
         count += change_cluster(watch, cluster, next, changes + count);
         watch->seen[cluster] = watch->tick;
     }
