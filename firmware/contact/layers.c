@@ -231,9 +231,12 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
             return CR_WAY_NONE;
         }
         const struct cr_img_kind *kind = &f->scene->kinds[cr_field_kind(f, at, i)];
+        if (kind->count != 1u) {
+            return CR_WAY_NONE;
+        }
         const struct cr_img_facet *facet = &f->scene->facets[kind->facet[0]];
         const uint32_t surface = facet->curved ? CR_WAY_CURVED | facet->patch : kind->facet[0];
-        if (kind->count != 1u || (common != CR_WAY_NONE && surface != common)) {
+        if (common != CR_WAY_NONE && surface != common) {
             return CR_WAY_NONE;
         }
         common = surface;
