@@ -43,7 +43,8 @@ typedef struct {
     const float *height_m; /* [CR_LANES] */
 } known;
 
-/* Lanes of a cluster and the planes there: the first is the one they are inside of. */
+/* Lanes of a cluster and the planes there: the first is the one they are inside of. Far from any surface none is known; the first has the distance
+ * then, and no normal. */
 typedef struct {
     const struct cr_img_cluster *c;
     uint32_t lanes;
@@ -169,7 +170,7 @@ static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, 
         const float leaves = own->curved ? v3_dot(n, half->normal) : flat_leaves;
         const float most = cr_way_half_width(c, i, n) - own->height_m[i];
         /* most / leaves or far, without a division */
-        const int by_own = (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most <= half->depth_m * leaves + SLACK_M);
+        const int by_own = (at->count > 0u) & (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most <= half->depth_m * leaves + SLACK_M);
         const int by_far = part[i] * (far + c->ramp[i]) <= half->depth_m;
         longer |= (uint32_t)(!(by_own | by_far)) << i;
     }
@@ -194,7 +195,8 @@ static void find_ways(const spots *at, uint32_t lanes, const rows *e, float trus
             const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
             const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
             const float least = there ? -(h + reach[i]) * per : NEVER_M;
-            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
+            const float gain = cr_way_gain(c, i, 0.5f * per * (reach[i] - c->reach[i]) / (0.5f * CR_WAY_REACH));
+            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], gain - h * per) : w->middle_m[i];
             w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
             w->steep[i] = higher_f(w->steep[i], leaves);
             second[i] = lower_f(second[i], higher_f(first[i], least));
@@ -232,7 +234,7 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e
         }
     }
     const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i],
-                way_m = min_f(most_m, cr_way_longest(at->c, i, &exits));
+                way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(at->c, i, &exits)) : most_m;
     const float sure = sure_of(half, steep);
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(gone_m[i], way_m) : way_m;
 }
@@ -436,16 +438,25 @@ static void share_lane(shares *out, uint32_t surface, int i, float share) {
     out->share[k][i] += share;
 }
 
+/* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
+static void over_nothing(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look) {
+    const cr_vec3 none = {0.0f, 0.0f, 0.0f};
+    const spots at = {.c = c, .lanes = lanes, .count = 0u, .planes = {{CR_FACET_NONE, 0, none, look->phi_m}}};
+    count_lanes_for(s, &at, CR_WAY_NONE, 0u, whole);
+}
+
 /* Lanes in cells whose distances are not from planes. */
 static void over_cells(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
                        const cr_lanes3 *world, const cr_lanes3 *normal) {
     const cr_field *f = s->in->field;
+    uint32_t far = 0u;
     shares on;
     on.count = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         cr_way_facets its;
         if ((look->entry[i] & CR_TOP_FAR) != 0u) {
+            far |= 1u << i;
             continue;
         }
         cr_way_facets_of(f, look, i, lane_of(world, i), &its);
@@ -456,6 +467,9 @@ static void over_cells(const survey *s, const struct cr_img_cluster *c, uint32_t
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
             share_lane(&on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
         }
+    }
+    if (far != 0u) {
+        over_nothing(s, c, far, look);
     }
     for (uint32_t k = 0; k < on.count; k++) {
         over_surface(s, c, on.lanes[k], on.surface[k], look, normal, on.share[k]);
