@@ -83,8 +83,10 @@ cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats) {
     return hit;
 }
 
-/* A cluster that is inside as a whole. */
+#ifdef CR_RIVALS
+/* A cluster that is inside as a whole: rivals go by its middle. */
 static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
+    const cr_vec3 middle = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
     cr_hit *hit = cr_add_hit(w->set, cluster, w->stats);
     if (hit == NULL) {
         return;
@@ -94,18 +96,9 @@ static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
     hit->whole = 1u;
     w->set->contacts += w->scene->clusters[cluster].count;
-#ifdef CR_RIVALS
-    if (w->options->touches) {
-        const cr_vec3 middle = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-        cr_touch_whole(w->field, hit, middle, &b->centres, lane, w->set, w->stats);
-        return;
-    }
-#else
-    (void)b;
-    (void)lane;
-#endif
-    cr_way_add_whole(w->field, w->pose, w->set, w->set->hit_count - 1u);
+    cr_touch_whole(w->field, hit, middle, &b->centres, lane, w->set, w->stats);
 }
+#endif
 
 /* Smallest distance that any of 16 points still has to go before it is covered. */
 static float smallest_clearance(const struct cr_img_cluster *c, const float *phi_m, float slack_m) {
@@ -122,15 +115,19 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
 
 /* The hit of a cluster with covered lanes, and what it is inside of. */
 static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
-    if (l->full == (1u << l->c->count) - 1u) {
+    const int whole = l->full == (1u << l->c->count) - 1u;
+#ifdef CR_RIVALS
+    if (w->options->touches && whole) {
         take_whole(w, l->cluster, b, lane);
         return;
     }
-#ifdef CR_RIVALS
     if (w->options->touches) {
         cr_touch_points(w->field, w->pose, l, w->set, w->stats);
         return;
     }
+#else
+    (void)b;
+    (void)lane;
 #endif
     cr_hit *hit = cr_add_hit(w->set, l->cluster, w->stats);
     if (hit == NULL) {
@@ -139,14 +136,10 @@ static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
     hit->covered = (uint16_t)l->covered;
     hit->inside = (uint16_t)l->inside;
     hit->near = (uint16_t)l->near;
-    hit->whole = 0u;
+    hit->whole = (uint16_t)whole;
+    hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
-    if (l->planes != NULL) {
-        hit->planes = (uint16_t)l->planes->kind;
-        cr_way_add_over_planes(w->field, w->pose, w->set, w->set->hit_count - 1u, l->planes, l->heights);
-    } else {
-        cr_way_add_over_lookup(w->field, w->pose, w->set, w->set->hit_count - 1u, l->at, l->world);
-    }
+    cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
 static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane) {
@@ -297,8 +290,12 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
         }
         if (-phi > f.reach_m + w->slack_in_m) {
             w->stats->clusters_inside++;
-            take_whole(w, f.cluster, b, lane);
-            return;
+#ifdef CR_RIVALS
+            if (w->options->touches) {
+                take_whole(w, f.cluster, b, lane);
+                return;
+            }
+#endif
         }
     }
     w->lookups++;

@@ -33,43 +33,29 @@ static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *
     return z;
 }
 
-/* Sum of depth times a vector of the lanes. */
-static cr_vec3 sum_vectors(const float *w, const float *x, const float *y, const float *z) {
-    return v3(cr_sum_products(w, x), cr_sum_products(w, y), cr_sum_products(w, z));
-}
+static void add_vector(cr_vec3 *sum, float w, float x, float y, float z) { *sum = v3_mad(*sum, v3(x, y, z), w); }
 
-/* Moment of the area vectors of the lanes, each times its depth. */
-static cr_vec3 sum_moments(const struct cr_img_cluster *c, const float *depth_m) {
-    float x[CR_LANES], y[CR_LANES], z[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        x[i] = c->y[i] * c->az[i] - c->z[i] * c->ay[i];
-        y[i] = c->z[i] * c->ax[i] - c->x[i] * c->az[i];
-        z[i] = c->x[i] * c->ay[i] - c->y[i] * c->ax[i];
-    }
-    return sum_vectors(depth_m, x, y, z);
-}
-
-/* What the lanes of a cluster add to a zone. */
-static cr_way_zone sum_lanes(const struct cr_img_cluster *c, const float *depth_m, const float *coverage,
-                             const cr_way_layers *l, int flat) {
+/* What some lanes of a layer add to a zone, one after the other: in one order on every target. */
+static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_way_layers *l, const cr_way_layer *layer,
+                      cr_way_zone *z) {
     static const cr_way_zone none = {0};
-    cr_way_zone z = none;
-    float weight[CR_LANES], high[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        weight[i] = depth_m[i] * c->area[i];
-        high[i] = weight[i] * l->full_m[i];
-        z.deep_m = higher_f(z.deep_m, depth_m[i]);
+    const int flat = layer->surface < CR_WAY_CURVED;
+    *z = none;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        const float depth = layer->depth_m[i], weight = depth * c->area[i];
+        const float x = c->x[i], y = c->y[i], w = c->z[i], ax = c->ax[i], ay = c->ay[i], az = c->az[i];
+        z->deep_m = max_f(z->deep_m, depth);
+        z->area_m2 += layer->coverage[i] * c->area[i];
+        z->weight_m3 += weight;
+        add_vector(&z->push_m3, -depth, ax, ay, az);
+        add_vector(&z->turn_m4, -depth, y * az - w * ay, w * ax - x * az, x * ay - y * ax);
+        add_vector(&z->centre_m4, weight, x, y, w);
+        if (!flat) {
+            add_vector(&z->normal_m3, weight, l->normal.x[i], l->normal.y[i], l->normal.z[i]);
+            add_vector(&z->above_m4, weight * l->full_m[i], l->normal.x[i], l->normal.y[i], l->normal.z[i]);
+        }
     }
-    z.area_m2 = cr_sum_products(coverage, c->area);
-    z.weight_m3 = cr_sum_products(depth_m, c->area);
-    z.push_m3 = v3_scale(sum_vectors(depth_m, c->ax, c->ay, c->az), -1.0f);
-    z.turn_m4 = v3_scale(sum_moments(c, depth_m), -1.0f);
-    z.centre_m4 = sum_vectors(weight, c->x, c->y, c->z);
-    if (!flat) {
-        z.normal_m3 = sum_vectors(weight, l->normal.x, l->normal.y, l->normal.z);
-        z.above_m4 = sum_vectors(high, l->normal.x, l->normal.y, l->normal.z);
-    }
-    return z;
 }
 
 static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32_t hit) {
@@ -90,14 +76,8 @@ static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32
 static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot,
                       const cr_way_layers *l, uint32_t k, uint32_t hit, cr_way_zones *zones) {
     const cr_way_layer *layer = &l->layers[k];
-    const uint32_t lanes = layer->lanes & c->piece_lanes[slot];
-    float depth[CR_LANES], coverage[CR_LANES];
-    for (int i = 0; i < CR_LANES; i++) {
-        const float in = (float)((lanes >> i) & 1u);
-        depth[i] = in * layer->depth_m[i];
-        coverage[i] = in * layer->coverage[i];
-    }
-    const cr_way_zone sums = sum_lanes(c, depth, coverage, l, layer->surface < CR_WAY_CURVED);
+    cr_way_zone sums;
+    sum_lanes(c, layer->lanes & c->piece_lanes[slot], l, layer, &sums);
     const int sided = layer->side == CR_WAY_SIDES;
     const cr_vec3 mean = sided ? xform_rotate(pose, sums.normal_m3) : v3(0.0f, 0.0f, 0.0f);
     for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
@@ -114,23 +94,10 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
     }
 }
 
-/* Entry of the brick of a point: nearest one in the grid. */
-static uint32_t entry_at(const cr_field *f, cr_vec3 p) {
-    const struct cr_img_meta *m = f->scene->meta;
-    const int32_t x = (int32_t)clamp_f((p.x - m->origin_m[0]) * f->inv_brick, 0.0f, f->grid_max[0]);
-    const int32_t y = (int32_t)clamp_f((p.y - m->origin_m[1]) * f->inv_brick, 0.0f, f->grid_max[1]);
-    const int32_t z = (int32_t)clamp_f((p.z - m->origin_m[2]) * f->inv_brick, 0.0f, f->grid_max[2]);
-    return f->scene->top[(z * f->dims[1] + y) * f->dims[0] + x];
-}
-
 int cr_way_planes(const cr_field *f, const xform *pose, const cr_hit *hit, cr_planes *planes, cr_lanes3 *world,
                   cr_lookup *at) {
     const struct cr_img_cluster *c = &f->scene->clusters[hit->cluster];
-    uint32_t kind = hit->planes;
-    if (kind == 0u && hit->whole != 0u) {
-        const cr_vec3 p = xform_point(pose, v3(c->x[0], c->y[0], c->z[0]));
-        kind = cr_planes_around(f, entry_at(f, p), p, 2.0f * c->radius_m);
-    }
+    const uint32_t kind = hit->planes;
     if (kind == 0u) {
         cr_lanes_to_world(pose, c->x, c->y, c->z, world);
         cr_field_look_up(f, world, at);
@@ -168,32 +135,13 @@ static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set
     }
 }
 
-void cr_way_add_over_planes(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit,
-                            const cr_planes *planes, const cr_heights *heights) {
+void cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
     const uint32_t lanes = begin(f->scene, set, hit);
-    cr_way_over_planes(f->scene, &f->scene->clusters[set->hits[hit].cluster], lanes, planes, heights, &set->way.layers);
-    add_layers(f->scene, pose, set, hit);
-}
-
-void cr_way_add_over_lookup(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit,
-                            const cr_lookup *at, const cr_lanes3 *world) {
-    const uint32_t lanes = begin(f->scene, set, hit);
-    cr_way_over_lookup(f, pose, &f->scene->clusters[set->hits[hit].cluster], lanes, at, world, &set->way.layers);
-    add_layers(f->scene, pose, set, hit);
-}
-
-void cr_way_add_whole(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit) {
-    const struct cr_img_cluster *c = &f->scene->clusters[set->hits[hit].cluster];
-    cr_lanes3 world;
-    cr_lookup at;
-    cr_planes planes, one;
-    cr_heights heights;
-    planes.kind = 0u;
-    if (cr_way_planes(f, pose, &set->hits[hit], &planes, &world, &at)) {
-        const cr_planes *p = cr_way_alone(f->scene, c, &planes, &one);
-        cr_planes_measure(p, c, &heights);
-        cr_way_add_over_planes(f, pose, set, hit, p, &heights);
+    if (looked->planes != NULL) {
+        cr_way_over_planes(f->scene, looked->c, lanes, looked->coverage, looked->planes, looked->heights,
+                           &set->way.layers);
     } else {
-        cr_way_add_over_lookup(f, pose, set, hit, &at, &world);
+        cr_way_over_lookup(f, pose, looked->c, lanes, looked->coverage, looked->at, looked->world, &set->way.layers);
     }
+    add_layers(f->scene, pose, set, hit);
 }

@@ -94,30 +94,23 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t 
     }
 }
 
-/* How much a sample counts for plane k: as its nearest, shared with those that are nearly as near, within half the width of its piece. */
-static float share_of_plane(const float (*height_m)[CR_LANES], uint32_t count, int i, float near_m, uint32_t k) {
-    float total = 0.0f;
-    for (uint32_t j = 0; j < count; j++) {
-        total += max_f(0.0f, height_m[j][i] - near_m);
-    }
-    return max_f(0.0f, height_m[k][i] - near_m) / total;
-}
-
-/* A lane over planes that meet convexly. */
-static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, const cr_planes *p,
-                                 const cr_heights *h, cr_way_layers *out) {
-    float height_m[CR_KIND_FACETS_MAX];
-    const float top_m = h->top_m[i];
+/* A lane counts for its nearest plane, shared with those that are nearly as near, within half the width of its piece. */
+static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, float coverage,
+                                 const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
+    const float near_m = h->top_m[i] - c->ramp[i];
+    float share[CR_KIND_FACETS_MAX], total = 0.0f;
     uint32_t top = 0u;
     for (uint32_t k = 0; k < p->count; k++) {
-        height_m[k] = h->height_m[k][i];
-        top = height_m[k] > height_m[top] ? k : top;
+        share[k] = max_f(0.0f, h->height_m[k][i] - near_m);
+        total += share[k];
+        top = h->height_m[k][i] > h->height_m[top][i] ? k : top;
     }
-    const float coverage = cr_cover_by_planes(p, c, i, height_m, top_m, cr_planes_distance(p, height_m, top_m));
-    const float depth = depth_left(part_below(c, i, p->normal_tool[top], top_m), coverage);
+    const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage), per = 1.0f / total;
     for (uint32_t k = 0; k < p->count; k++) {
-        const float share = share_of_plane(h->height_m, p->count, i, top_m - c->ramp[i], k);
-        lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * share, coverage * share);
+        if (share[k] > 0.0f) {
+            const float its = share[k] * per;
+            lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * its, coverage * its);
+        }
     }
 }
 
@@ -136,8 +129,8 @@ static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c,
     }
 }
 
-void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
-                        const cr_heights *h, cr_way_layers *out) {
+void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const float *coverage,
+                        const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
     if (p->sign < 0.0f) {
         fill_behind_walls(s, c, lanes, p, h, out);
         return;
@@ -152,7 +145,8 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     out->reach.spread = APART; /* measured without a lookup: not worth knowing */
     out->reach.bound_m = max_f(0.0f, out->reach.bound_m);
     while (lanes != 0u) {
-        fill_lane_over_solid(s, c, take_lane(&lanes), p, h, out);
+        const int i = take_lane(&lanes);
+        fill_lane_over_solid(s, c, i, coverage[i], p, h, out);
     }
 }
 
@@ -347,7 +341,7 @@ uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes) {
 
 /* Lanes in cells whose planes give the distance. */
 static void fill_over_cells(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                            const cr_lookup *at, cr_way_layers *out) {
+                            const float *coverage, const cr_lookup *at, cr_way_layers *out) {
     cr_planes planes;
     cr_heights heights;
     while (lanes != 0u) {
@@ -355,25 +349,23 @@ static void fill_over_cells(const cr_field *f, const xform *pose, const struct c
         lanes &= ~same;
         cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
         cr_planes_measure(&planes, c, &heights);
-        cr_way_over_planes(f->scene, c, same, &planes, &heights, out);
+        cr_way_over_planes(f->scene, c, same, coverage, &planes, &heights, out);
     }
 }
 
 void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                        const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
+                        const float *coverage, const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
     const uint32_t surface = cr_way_common(f, at, lanes);
-    float coverage[CR_LANES];
     cr_way_normals(pose, at, &out->normal);
     if (surface != CR_WAY_NONE) {
         fill_common(f, pose, c, lanes, surface, at, &out->normal, out);
         return;
     }
-    fill_over_cells(f, pose, c, lanes & at->from_facet, at, out);
+    fill_over_cells(f, pose, c, lanes & at->from_facet, coverage, at, out);
     lanes &= ~at->from_facet;
     if (lanes == 0u) {
         return;
     }
-    cr_cover(f->scene, pose, CR_COVERAGE_SOFT, c, at, coverage);
     reach_all(f, pose, c, out->near & ~at->from_facet, at, world, &out->normal, &out->reach);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);

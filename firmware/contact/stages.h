@@ -225,15 +225,9 @@ typedef struct {
 /* Purpose  room for one more hit of a cluster, its places not set; null, and counted, when all are taken. */
 cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats);
 
-/* Purpose  add to the zones what a hit is inside of, by planes or by what was looked up at its points.
- * Shapes   hit: index of the hit; planes and heights, or at and world, of its cluster.   Source  WAY_OUT.md "Zones". */
-void cr_way_add_over_planes(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-                            const cr_planes *planes, const cr_heights *heights);
-void cr_way_add_over_lookup(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-                            const cr_lookup *at, const cr_lanes3 *world);
-
-/* Purpose  the same for a hit that is inside as a whole, its points not looked at yet.   Cost  a lookup where no planes are known. */
-void cr_way_add_whole(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit);
+/* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones". */
+void cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
+                const cr_looked *looked);
 
 /* W v for one lane: the spread of its piece along v. */
 static inline cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec3 v) {

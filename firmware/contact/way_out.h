@@ -52,13 +52,14 @@ void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_v
 /* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
 float cr_way_share(cr_vec3 direction, uint32_t side);
 
-/* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known. */
+/* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known.   Shapes  coverage[CR_LANES]. */
 void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
-                        const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
+                        const float *coverage, const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
 
-/* Purpose  layers of samples that were looked up.   Shapes  at, world: [CR_LANES]. */
+/* Purpose  layers of samples that were looked up.   Shapes  coverage, at, world: [CR_LANES]. */
 void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const struct cr_img_cluster *cluster,
-                        uint32_t lanes, const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out);
+                        uint32_t lanes, const float *coverage, const cr_lookup *at, const cr_lanes3 *world,
+                        cr_way_layers *out);
 
 /* Purpose  the surface that all lanes are over, where it is one and not at a crease: a facet that is not curved, or CR_WAY_CURVED with the patch.
  * Output   CR_WAY_NONE where there is no such. */
