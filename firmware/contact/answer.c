@@ -75,27 +75,26 @@ static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
     cr_way_zones *zones = &in->set->way;
     cr_way_half *half = work->half;
-    uint32_t area[CR_WAY_ZONES_MAX];
-    cr_vec3 normal[CR_WAY_ZONES_MAX];
-    float depth[CR_WAY_ZONES_MAX], push[CR_WAY_ZONES_MAX];
     uint32_t made = 0u;
     const uint32_t count = cr_way_relate(in->field->scene, zones, &work->relations, half);
-    cr_way_measure(in, &work->relations, half);
+    cr_way_measure(in, work);
     for (uint32_t h = 0; h < count; h++) {
-        normal[h] = half[h].normal;
-        depth[h] = v3_dot(normal[h], normal[h]) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
+        const cr_vec3 n = half[h].normal;
+        work->normal[h] = n;
+        work->depth_m[h] = v3_dot(n, n) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
     }
-    cr_way_resolve(normal, depth, count, push);
+    cr_way_resolve(work->normal, work->depth_m, count, work->push_m);
     for (uint32_t h = 0; h < count; h++) {
-        area[h] = CR_HIT_NONE;
-        if (push[h] > 0.0f && made == room) {
+        const float push_m = work->push_m[h];
+        work->area[h] = CR_HIT_NONE;
+        if (push_m > 0.0f && made == room) {
             stats->areas_merged++;
-        } else if (push[h] > 0.0f) {
-            area[h] = made;
-            report(in, &work->relations, &half[h], push[h], &out[made++]);
+        } else if (push_m > 0.0f) {
+            work->area[h] = made;
+            report(in, &work->relations, &half[h], push_m, &out[made++]);
         }
     }
-    label_zones(zones, &work->relations, half, area, count);
+    label_zones(zones, &work->relations, half, work->area, count);
     stats->zones_dropped += zones->dropped + zones->layers.dropped;
     return made;
 }

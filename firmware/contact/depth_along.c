@@ -1,8 +1,6 @@
 /* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. WAY_OUT.md "Depth". */
 #include "contact/way_out.h"
 
-/* How much deeper than what is nearest to a plane a sample elsewhere may be below it. */
-#define BEYOND 2.0f
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
 #define FAR_MAX 4.0f
 /* Share of a half-space's weight from which on a plane bounds it in full. */
@@ -33,6 +31,7 @@ typedef struct {
     const cr_way_zones *zones;
     const cr_way_relations *relations;
     cr_way_half *half;
+    cr_way_scratch *scratch;
 } survey;
 
 /* Planes that are known at the lanes of a cluster. */
@@ -53,36 +52,27 @@ typedef struct {
     const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
 } spots;
 
-/* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
-typedef struct {
-    uint32_t count;
-    cr_vec3 normal[CR_WAY_EXITS_MAX];
-    int curved[CR_WAY_EXITS_MAX];
-    float height_m[CR_WAY_EXITS_MAX][CR_LANES];
-    float leaves[CR_WAY_EXITS_MAX][CR_LANES];
-} rows;
-
 /* How far along the normal each of some lanes has to go until it is outside: steps as long as the distance. */
 static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 way, float most_m,
                   float *gone_m) {
     const cr_vec3 to = xform_rotate(s->in->world_from_tool, way);
-    cr_lanes3 from, place;
-    cr_lookup found;
-    cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &from);
+    cr_lanes3 *place = &s->scratch->march_world, *from = &s->scratch->march_from;
+    cr_lookup *found = &s->scratch->march;
+    cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, from);
     for (int i = 0; i < CR_LANES; i++) {
         gone_m[i] = 0.0f;
     }
     for (int step = 0; step < MARCH_STEPS && lanes != 0u; step++) {
         for (int i = 0; i < CR_LANES; i++) {
-            place.x[i] = from.x[i] + to.x * gone_m[i];
-            place.y[i] = from.y[i] + to.y * gone_m[i];
-            place.z[i] = from.z[i] + to.z * gone_m[i];
+            place->x[i] = from->x[i] + to.x * gone_m[i];
+            place->y[i] = from->y[i] + to.y * gone_m[i];
+            place->z[i] = from->z[i] + to.z * gone_m[i];
         }
-        cr_field_look_up_lanes(s->in->field, &place, lanes, &found);
+        cr_field_look_up_lanes(s->in->field, place, lanes, found);
         for (uint32_t left = lanes; left != 0u;) {
             const int i = take_lane(&left);
-            if (found.phi_m[i] < -MARCH_END * c->ramp[i]) {
-                gone_m[i] -= found.phi_m[i];
+            if (found->phi_m[i] < -MARCH_END * c->ramp[i]) {
+                gone_m[i] -= found->phi_m[i];
             } else {
                 lanes &= ~(1u << i);
             }
@@ -93,7 +83,7 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
 
 /* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it, unless the static object surely
  * ends there. */
-static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes, rows *e) {
+static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes, cr_way_rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
         /* A plane that is hardly touched yet is hardly left through: it comes from afar. */
@@ -113,7 +103,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
                 continue;
             }
             const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
-            height[i] = higher_f(h, -(BEYOND * q->deep_m + c->ramp[i]));
+            height[i] = h;
             steep[i] = h < 0.0f || q->sure != 0u ? leaves : NO_PLANE;
         }
         e->curved[e->count] = 0;
@@ -121,7 +111,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
     }
 }
 
-static void find_own(const cr_way_half *half, const spots *at, uint32_t lanes, rows *e) {
+static void find_own(const cr_way_half *half, const spots *at, uint32_t lanes, cr_way_rows *e) {
     e->count = at->count;
     for (uint32_t k = 0; k < at->count; k++) {
         const known *p = &at->planes[k];
@@ -145,7 +135,7 @@ typedef struct {
     uint32_t plain;
 } ways;
 
-static void find_reach(const spots *at, uint32_t lanes, const rows *e, uint32_t k, float *reach_m) {
+static void find_reach(const spots *at, uint32_t lanes, const cr_way_rows *e, uint32_t k, float *reach_m) {
     const struct cr_img_cluster *c = at->c;
     const cr_lanes3 *normal = at->normal;
     for (int i = 0; i < CR_LANES; i++) {
@@ -177,7 +167,7 @@ static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, 
     return longer & lanes;
 }
 
-static void find_ways(const spots *at, uint32_t lanes, const rows *e, float trusted, ways *w) {
+static void find_ways(const spots *at, uint32_t lanes, const cr_way_rows *e, float trusted, ways *w) {
     const struct cr_img_cluster *c = at->c;
     float first[CR_LANES], second[CR_LANES]; /* the two least that exits may be anywhere on a piece */
     for (int i = 0; i < CR_LANES; i++) {
@@ -222,7 +212,7 @@ static float sure_of(const cr_way_half *half, float steep) {
 }
 
 /* One lane in full: anywhere on its piece; where the normal hardly leaves through the planes by what a march found. */
-static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e, int i, float steep,
+static float way_of_lane(const spots *at, const cr_way_half *half, const cr_way_rows *e, int i, float steep,
                          const float *gone_m) {
     cr_way_exits exits;
     exits.count = 0u;
@@ -241,7 +231,7 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const rows *e
 
 /* Lanes count for a half-space by their exits, each by its part. */
 static void count_for(const survey *s, const spots *at, uint32_t lanes, const float *part, cr_way_half *half) {
-    rows e;
+    cr_way_rows *e = &s->scratch->rows;
     ways w;
     float gone[CR_LANES], most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
@@ -250,9 +240,9 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     if (lanes == 0u) {
         return;
     }
-    find_own(half, at, lanes, &e);
-    add_bounds(half, at, lanes, &e);
-    find_ways(at, lanes, &e, trusted, &w);
+    find_own(half, at, lanes, e);
+    add_bounds(half, at, lanes, e);
+    find_ways(at, lanes, e, trusted, &w);
     for (int i = 0; i < CR_LANES; i++) {
         if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
@@ -276,7 +266,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     }
     while (left != 0u) {
         const int i = take_lane(&left);
-        half->depth_m = max_f(half->depth_m, part[i] * way_of_lane(at, half, &e, i, w.steep[i], gone));
+        half->depth_m = max_f(half->depth_m, part[i] * way_of_lane(at, half, e, i, w.steep[i], gone));
     }
 }
 
@@ -359,14 +349,13 @@ static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32
 }
 
 static void over_planes(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *all) {
-    cr_planes one;
-    cr_heights h;
-    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, &one);
-    cr_planes_measure(p, c, &h);
+    cr_heights *h = &s->scratch->heights;
+    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, &s->scratch->alone);
+    cr_planes_measure(p, c, h);
     if (p->sign < 0.0f) {
-        behind_walls(s, c, lanes, p, &h);
+        behind_walls(s, c, lanes, p, h);
     } else {
-        over_solid(s, c, lanes, p, &h);
+        over_solid(s, c, lanes, p, h);
     }
 }
 
@@ -411,14 +400,7 @@ static void over_surface(const survey *s, const struct cr_img_cluster *c, uint32
     }
 }
 
-/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each. */
-typedef struct {
-    uint32_t count;
-    uint32_t surface[CR_WAY_LAYERS_MAX], lanes[CR_WAY_LAYERS_MAX];
-    float share[CR_WAY_LAYERS_MAX][CR_LANES];
-} shares;
-
-static void share_lane(shares *out, uint32_t surface, int i, float share) {
+static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share) {
     uint32_t k = 0u;
     while (k < out->count && out->surface[k] != surface) {
         k++;
@@ -450,8 +432,8 @@ static void over_cells(const survey *s, const struct cr_img_cluster *c, uint32_t
                        const cr_lanes3 *world, const cr_lanes3 *normal) {
     const cr_field *f = s->in->field;
     uint32_t far = 0u;
-    shares on;
-    on.count = 0u;
+    cr_way_shares *on = &s->scratch->shares;
+    on->count = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         cr_way_facets its;
@@ -461,31 +443,31 @@ static void over_cells(const survey *s, const struct cr_img_cluster *c, uint32_t
         }
         cr_way_facets_of(f, look, i, lane_of(world, i), &its);
         if (its.count == 0u) {
-            share_lane(&on, CR_WAY_DEEP, i, 1.0f);
+            share_lane(on, CR_WAY_DEEP, i, 1.0f);
         }
         for (uint32_t k = 0; k < its.count; k++) {
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
-            share_lane(&on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
+            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
         }
     }
     if (far != 0u) {
         over_nothing(s, c, far, look);
     }
-    for (uint32_t k = 0; k < on.count; k++) {
-        over_surface(s, c, on.lanes[k], on.surface[k], look, normal, on.share[k]);
+    for (uint32_t k = 0; k < on->count; k++) {
+        over_surface(s, c, on->lanes[k], on->surface[k], look, normal, on->share[k]);
     }
 }
 
 static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
                       const cr_lanes3 *world, cr_planes *cell) {
-    cr_lanes3 normal;
+    cr_lanes3 *normal = &s->scratch->normal;
     const uint32_t surface = cr_way_common(s->in->field, look, lanes);
-    cr_way_normals(s->in->world_from_tool, look, &normal);
+    cr_way_normals(s->in->world_from_tool, look, normal);
     if (surface != CR_WAY_NONE) {
-        over_surface(s, c, lanes, surface, look, &normal, whole);
+        over_surface(s, c, lanes, surface, look, normal, whole);
         return;
     }
-    over_cells(s, c, lanes & ~look->from_facet, look, world, &normal);
+    over_cells(s, c, lanes & ~look->from_facet, look, world, normal);
     lanes &= look->from_facet;
     while (lanes != 0u) {
         const uint32_t same = cr_way_same_cell(look, lanes);
@@ -502,12 +484,12 @@ static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t 
 static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
     const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
-    cr_lanes3 world;
-    cr_lookup look;
-    if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, &world, &look)) {
+    cr_lanes3 *world = &s->scratch->world;
+    cr_lookup *look = &s->scratch->look;
+    if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
         over_planes(s, c, lanes, planes);
     } else {
-        looked_up(s, c, lanes, &look, &world, cell);
+        looked_up(s, c, lanes, look, world, cell);
     }
 }
 
@@ -537,9 +519,9 @@ static int may_be_deeper(const survey *s, const cr_way_reach *reach) {
     return 0;
 }
 
-void cr_way_measure(const cr_respond_input *in, const cr_way_relations *relations, cr_way_half *half) {
+void cr_way_measure(const cr_respond_input *in, cr_way_work *work) {
     const cr_way_zones *zones = &in->set->way;
-    const survey s = {in, zones, relations, half};
+    const survey s = {in, zones, &work->relations, work->half, &work->scratch};
     cr_planes planes, cell;
     uint32_t measured[(CR_CLUSTERS_MAX + 31u) / 32u] = {0u};
     planes.kind = cell.kind = 0u;

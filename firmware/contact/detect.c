@@ -57,12 +57,6 @@ typedef struct {
     float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
 
-/* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
-typedef struct {
-    cr_lanes3 world;
-    cr_lookup centres;
-} batch;
-
 static uint32_t lanes_where_below(const float *value, const float *limit) {
     uint32_t mask = 0u;
     for (int i = 0; i < CR_LANES; i++) {
@@ -85,7 +79,7 @@ cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats) {
 
 #ifdef CR_RIVALS
 /* A cluster that is inside as a whole: rivals go by its middle. */
-static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
+static void take_whole(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     const cr_vec3 middle = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
     cr_hit *hit = cr_add_hit(w->set, cluster, w->stats);
     if (hit == NULL) {
@@ -114,7 +108,7 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
 }
 
 /* The hit of a cluster with covered lanes, and what it is inside of. */
-static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
+static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane) {
     const int whole = l->full == (1u << l->c->count) - 1u;
 #ifdef CR_RIVALS
     if (w->options->touches && whole) {
@@ -142,7 +136,7 @@ static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
-static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane) {
+static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = (1u << c->count) - 1u;
     cr_lanes3 world;
@@ -204,7 +198,7 @@ static int asks_for_each(const walk *w) {
 #endif
 }
 
-static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
+static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
     const uint32_t used = (1u << c->count) - 1u;
     cr_heights h;
@@ -242,9 +236,9 @@ static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
 }
 
 /* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
-static float look_at_points(walk *w, const leaf *f, const batch *b, int lane) {
+static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, f->reach_m);
+    const uint32_t kind = cr_planes_around(w->field, centre, f->reach_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
     if (kind == 0u) {
         return look_up_points(w, f->cluster, b, lane);
@@ -272,7 +266,7 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
 }
 
 /* One leaf sphere that was looked at: free, whole, or to be looked at point by point. */
-static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
+static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
     const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
     const uint32_t at = slot % CR_LANES;
     leaf f;
@@ -306,23 +300,23 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
 static void look_at_waiting(walk *w) {
     cr_search *s = w->search;
     const uint32_t count = s->waiting;
-    batch b;
+    cr_batch *b = &s->batch;
     if (count == 0u) {
         return;
     }
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
         const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
-        b.world.x[i] = g->x[lane]; /* of the tool yet */
-        b.world.y[i] = g->y[lane];
-        b.world.z[i] = g->z[lane];
+        b->world.x[i] = g->x[lane]; /* of the tool yet */
+        b->world.y[i] = g->y[lane];
+        b->world.z[i] = g->z[lane];
     }
     w->lookups++;
     w->stats->nodes += count;
-    cr_lanes_to_world(w->pose, b.world.x, b.world.y, b.world.z, &b.world);
-    cr_field_look_up_lanes(w->field, &b.world, (1u << count) - 1u, &b.centres);
+    cr_lanes_to_world(w->pose, b->world.x, b->world.y, b->world.z, &b->world);
+    cr_field_look_up_lanes(w->field, &b->world, (1u << count) - 1u, &b->centres);
     for (uint32_t i = 0; i < count; i++) {
-        visit_cluster(w, s->slot[i], &b, (int)i);
+        visit_cluster(w, s->slot[i], b, (int)i);
     }
     s->waiting = 0u;
 }

@@ -188,7 +188,7 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         cr_way_bound *bound = &out->bounds[b];
         if (b == out->bound_count) {
             out->bound_count++;
-            bound->part = bound->deep_m = bound->weight_m3 = 0.0f;
+            bound->part = bound->weight_m3 = 0.0f;
             bound->sure = 0u;
         }
         bound->facet = z->key.surface;
@@ -196,7 +196,6 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         bound->normal = m[c].unit;
         bound->offset_m = -v3_dot(m[c].unit, m[c].touched);
         bound->part = max_f(bound->part, held);
-        bound->deep_m = max_f(bound->deep_m, held * z->deep_m);
         bound->weight_m3 += held * z->weight_m3;
     }
 }

@@ -90,9 +90,8 @@ typedef struct {
     uint32_t cut;                         /* lanes whose piece is cut by one; the rest is outside */
 } cr_heights;
 
-/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.
- * Shapes   entry: top entry of the point's brick. */
-uint32_t cr_planes_around(const cr_field *field, uint32_t entry, cr_vec3 p_world, float reach_m);
+/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none. */
+uint32_t cr_planes_around(const cr_field *field, cr_vec3 p_world, float reach_m);
 
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
@@ -275,6 +274,12 @@ typedef struct {
     uint32_t group, lanes;
 } cr_search_level;
 
+/* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
+typedef struct {
+    cr_lanes3 world;
+    cr_lookup centres;
+} cr_batch;
+
 /* Where a search stands between two ticks. */
 typedef struct {
     uint32_t open;  /* 1: begun and not at its end */
@@ -283,6 +288,7 @@ typedef struct {
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
     uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
+    cr_batch batch;          /* when they are looked at */
 } cr_search;
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */

@@ -90,7 +90,6 @@ typedef struct {
     float part; /* 0..1: how far it belongs there */
     uint32_t
         sure; /* 1: by the label of a crease: what lies above is not of the convex piece that the half-space leads out of */
-    float deep_m; /* of the deepest sample that is nearest to it */
     float weight_m3;
 } cr_way_bound;
 #define CR_WAY_BOUNDS_MAX 6u
@@ -121,9 +120,6 @@ typedef struct {
 /* Purpose  half-spaces of the zones: normals, arms, bounds; no depth yet.   Output  out[0..return). */
 uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations, cr_way_half *out);
 
-/* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit. */
-void cr_way_measure(const cr_respond_input *in, const cr_way_relations *relations, cr_way_half *half);
-
 #define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
 
 /* Planes that a sample is below, and how steeply the way leaves through each: exit = -height / leaves. */
@@ -144,11 +140,44 @@ float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_wa
  * Shapes   normal unit, depth_m, out lambda_m: [count]. */
 void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *lambda_m);
 
+/* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
+typedef struct {
+    uint32_t count;
+    cr_vec3 normal[CR_WAY_EXITS_MAX];
+    int curved[CR_WAY_EXITS_MAX];
+    float height_m[CR_WAY_EXITS_MAX][CR_LANES];
+    float leaves[CR_WAY_EXITS_MAX][CR_LANES];
+} cr_way_rows;
+
+/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each. */
+typedef struct {
+    uint32_t count;
+    uint32_t surface[CR_WAY_LAYERS_MAX], lanes[CR_WAY_LAYERS_MAX];
+    float share[CR_WAY_LAYERS_MAX][CR_LANES];
+} cr_way_shares;
+
+/* What is measured of the cluster in hand: in the world's memory, so that the stack stays small. */
+typedef struct {
+    cr_lanes3 world, normal, march_from, march_world;
+    cr_lookup look, march;
+    cr_planes alone;
+    cr_heights heights;
+    cr_way_rows rows;
+    cr_way_shares shares;
+} cr_way_scratch;
+
 /* What passes between the stages of an answer. */
 typedef struct {
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];
+    cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
+    float depth_m[CR_WAY_ZONES_MAX], push_m[CR_WAY_ZONES_MAX];
+    uint32_t area[CR_WAY_ZONES_MAX]; /* and their contacts, or CR_HIT_NONE */
+    cr_way_scratch scratch;
 } cr_way_work;
+
+/* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit. */
+void cr_way_measure(const cr_respond_input *in, cr_way_work *work);
 
 /* Purpose  the response.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats);

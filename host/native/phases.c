@@ -59,7 +59,7 @@ static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, 
     cr_way_relate(scene, &b->set.way, &b->work.relations, b->work.half);
     row->relate_ns = since(start);
     start = now_ns();
-    cr_way_measure(&in, &b->work.relations, b->work.half);
+    cr_way_measure(&in, &b->work);
     row->depth_ns = since(start);
     start = now_ns();
     row->areas = cr_way_answer(&in, &b->work, b->answers, CR_AREAS_MAX, &b->stats);

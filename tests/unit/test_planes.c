@@ -72,15 +72,7 @@ static void planes_give_the_distance_of_a_solid_from_both_sides(void **state) {
 
 /* Kind that is found round a point. */
 static uint32_t around(const crt_rig *rig, double x, double y, double z, float reach_m) {
-    cr_lanes3 p;
-    cr_lookup at;
-    for (int i = 0; i < CR_LANES; i++) {
-        p.x[i] = (float)x;
-        p.y[i] = (float)y;
-        p.z[i] = (float)z;
-    }
-    cr_field_look_up(&rig->field, &p, &at);
-    return cr_planes_around(&rig->field, at.entry[0], v3((float)x, (float)y, (float)z), reach_m);
+    return cr_planes_around(&rig->field, v3((float)x, (float)y, (float)z), reach_m);
 }
 
 /* The near brick of a point, to be changed. */
