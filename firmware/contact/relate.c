@@ -24,8 +24,10 @@
 /* Zones that hold less than this share of their half-space do not lead it: it has its weight from others, which lead their own. */
 #define MINOR 0.1f
 #define SWEEPS 32
-/* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. */
+/* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. Where less than SEEN_BY samples are
+ * inside, which surface they are inside of tells less than which way they face: more by what is missing, up to tenfold. */
 #define TWICE 2.0f
+#define SEEN_LEAST 0.1f
 /* Weight of two zones, as a share of that of a third, from which on their disagreement counts in full. */
 #define COUNTS 0.3f
 /* A zone by its means. */
@@ -135,7 +137,7 @@ static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const flo
 /* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. Projected
  * Gauss-Seidel; a normal that is related by a part only is held back. */
 static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float *part, cr_vec3 sum, float per_weight,
-                         float rules) {
+                         float rules, float seen) {
     float alpha[CR_WAY_ZONES_MAX];
     cr_vec3 left = sum;
     const float size = v3_norm(sum);
@@ -151,7 +153,7 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float 
                 continue;
             }
             const float held = 1.0f / part[c] - 1.0f;
-            const float most = part[c] * TWICE * zones->zones[c].weight_m3 * per_weight;
+            const float most = part[c] * TWICE * zones->zones[c].weight_m3 * per_weight / seen;
             const float next =
                 clamp_f(alpha[c] + (v3_dot(m[c].unit, left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
             left = v3_mad(left, m[c].unit, alpha[c] - next);
@@ -229,8 +231,9 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
     const float per_weight = 1.0f / weight;
     sum = v3_scale(sum, per_weight);
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
-    const float sure = rules * min_f(1.0f, area / (SEEN_BY * spacing_m * spacing_m));
-    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, sure);
+    const float samples = area / (spacing_m * spacing_m);
+    const float trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
+    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f));
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
