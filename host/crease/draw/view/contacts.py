@@ -49,12 +49,20 @@ def _clusters(scene: Scene) -> npt.NDArray[Any]:
     return np.frombuffer(ffi.buffer(scene.handle.clusters, size), CLUSTER)
 
 
-def find_contacts(scene: Scene, path: Trajectory, coverage: str) -> Contacts:
-    """Areas and zones along a path. They do not depend on response, stiffness or damping.
+METHODS = (
+    ReplayOptions(),
+    ReplayOptions(response="extent"),
+    ReplayOptions(response="extent", coverage="hard"),
+)
+"""Responses that part contact into areas and zones in their own way: the way out, contact zones soft and hard."""
+
+
+def find_contacts(scene: Scene, path: Trajectory, options: ReplayOptions) -> Contacts:
+    """Areas and zones along a path, as one of METHODS has them. They do not depend on stiffness or damping.
 
     Errors: SceneError when memory runs out.   Cost: that of the ticks, about 10 us each.
     """
-    world = World(scene, ReplayOptions(coverage=coverage))
+    world = World(scene, options)
     watch = ffi.gc(lib.crv_watch_new(world.handle, scene.handle), lib.crv_watch_free)
     if watch == ffi.NULL:
         raise SceneError(f"{scene.source}: no memory for the contacts of its tool")

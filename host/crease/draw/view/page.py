@@ -14,13 +14,12 @@ import numpy.typing as npt
 
 from crease.bake.bodies import Body, read_bodies, reduce_body
 from crease.base.errors import SceneError, TableError
-from crease.base.native import COVERAGES
 from crease.base.scene import Scene
 from crease.draw.plot import forces_N, turn_deg
-from crease.draw.view.contacts import NO_PATCH, Contacts, find_contacts, tool_samples_m
+from crease.draw.view.contacts import METHODS, NO_PATCH, Contacts, find_contacts, tool_samples_m
 from crease.draw.view.pack import Packer
 from crease.draw.view.scripts import load_scripts
-from crease.replay.replay import COLUMNS
+from crease.replay.replay import COLUMNS, ReplayOptions
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
 from crease.replay.trajectory import Trajectory, check_rows
 
@@ -68,7 +67,7 @@ class _Made:
     scene: Scene
     packer: Packer = field(default_factory=Packer)
     warnings: list[str] = field(default_factory=list)
-    contacts: list[tuple[Trajectory, str, Contacts]] = field(default_factory=list)
+    contacts: list[tuple[Trajectory, ReplayOptions, Contacts]] = field(default_factory=list)
 
 
 def path_of(replay: Replay) -> Trajectory:
@@ -123,20 +122,20 @@ def _check_scene(made: _Made, replay: Replay, contacts: Contacts, differ: int) -
 
 
 def _contacts_of(made: _Made, replay: Replay, path: Trajectory) -> int:
-    """Index into made.contacts. The coverage is the one that gives the table's counts of areas, zones and samples.
+    """Index into made.contacts. The method is the one that gives the table's counts of areas, zones and samples.
 
     Errors: SceneError when the table is of another scene.
     """
     best, least = 0, len(path) + 1
-    for coverage in COVERAGES:
+    for method in METHODS:
         known = [
             i
             for i, (other, kind, _) in enumerate(made.contacts)
-            if kind == coverage and np.array_equal(other.rows, path.rows)
+            if kind == method and np.array_equal(other.rows, path.rows)
         ]
         if not known:
             known = [len(made.contacts)]
-            made.contacts.append((path, coverage, find_contacts(made.scene, path, coverage)))
+            made.contacts.append((path, method, find_contacts(made.scene, path, method)))
         differ = _disagreement(replay, made.contacts[known[0]][2])
         if differ < least:
             best, least = known[0], differ
