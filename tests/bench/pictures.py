@@ -26,7 +26,7 @@ from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory, load_trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from study.against_exact import Exact, box_corners, exact_force_N, read_exact
+from study.against_exact import Exact, box_corners, exact_force_N, exact_of
 from study.points import OURS, read_points
 
 F64 = npt.NDArray[np.float64]
@@ -39,11 +39,12 @@ DEFAULT = ReplayOptions(stiffness_N_m=STIFFNESS_N_M)
 def scene_of(name: str) -> tuple[Scene, Trajectory, Exact]:
     """A test scene, its path, and the exact answer."""
     spec = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)[name]
-    assert spec.exact is not None
+    exact = exact_of(EXACT, spec.exact, DEFAULT)
+    assert exact is not None
     return (
         open_scene(SCENES / f"{name}.crs"),
         load_trajectory(spec.path),
-        read_exact(EXACT / spec.exact),
+        exact,
     )
 
 
