@@ -34,8 +34,8 @@ IMAGE = ROOT / "build/scenes/edge90_cube.crs"
 EXACT = read_exact(ROOT / "tests/golden/exact/edge90_cube.csv.gz")
 OURS = Point(
     "edge",
-    "zones, default",
-    "zones",
+    "way out, default",
+    "way out",
     2.0,
     2.0,
     12,
@@ -246,7 +246,7 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
     )
     assert said.status == 0, said.err
     points = read_points(tmp_path / "pareto.csv")
-    assert {"peer", "zones", "fixed45", "exact boolean"} <= {p.label for p in points}
+    assert {"peer", "way out", "extent", "published", "fixed45", "exact boolean"} <= {p.label for p in points}
     assert (tmp_path / "pareto.png").read_bytes().startswith(b"\x89PNG")
 
 
