@@ -1,4 +1,4 @@
-/* split: concave creases part the zones of an area into groups that answer with a plane each. DESIGN.md "Concave creases". */
+/* split: concave creases part the zones of an area into groups that answer with a plane each. EXTENT.md "Concave creases". */
 #include "rivals/extent.h"
 
 /* Zones of one area that meet each zone, as bits. The label of their crease decides. Where they share creases of both kinds it is

@@ -1,4 +1,4 @@
-/* top: highest point behind several planes, where the overlap of convex solids ends. DESIGN.md "Contact plane and depth". */
+/* top: highest point behind several planes, where the overlap of convex solids ends. EXTENT.md "Contact plane and depth". */
 #include "rivals/extent.h"
 
 /* Normals that agree to this in every part are one direction; a weight this little below zero is rounding. */

@@ -1,4 +1,4 @@
-/* touch: what clusters in contact touch of the static surface, for the responses that go by touched areas. README.md "extent". */
+/* touch: what clusters in contact touch of the static surface, for the responses that go by touched areas. EXTENT.md "Zones and area normal". */
 #include "contact/stages.h"
 
 /* What the touches of one tick read and write. */
