@@ -27,7 +27,7 @@ from crease.replay.trajectory import Trajectory, load_trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from study.against_exact import Exact, box_corners, exact_force_N, exact_of
-from study.points import OURS, read_points
+from study.points import read_points
 from study.properties.scenes import bake_digest, image_of, load_meshes, load_scenes
 
 F64 = npt.NDArray[np.float64]
@@ -171,7 +171,9 @@ def draw_coverage() -> Figure:
 def _draw_convergence(axes: Axes) -> None:
     points = [p for p in read_points(ROOT / "tests/bench/pareto.csv") if p.scene == "edge90_cube"]
     ours = sorted(
-        (p.spacing_mm, p.force_rms_mm) for p in points if p.group in (OURS, "sample spacing")
+        (p.spacing_mm, p.force_rms_mm)
+        for p in points
+        if p.label == "extent" or (p.group == "sample spacing" and "extent" in p.label)
     )
     axes.loglog(*zip(*ours, strict=True), "o-", color=BLUE, label="pieces")
     hard = [(p.spacing_mm, p.force_rms_mm) for p in points if p.label == "published"]
