@@ -38,9 +38,7 @@ DEFAULT = ReplayOptions(stiffness_N_m=STIFFNESS_N_M)
 EXTENT = replace(DEFAULT, response="extent")
 
 
-def scene_of(
-    name: str, options: ReplayOptions = DEFAULT
-) -> tuple[Scene, Trajectory, Exact]:
+def scene_of(name: str, options: ReplayOptions = DEFAULT) -> tuple[Scene, Trajectory, Exact]:
     """A test scene, its path, and the exact answer."""
     spec = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)[name]
     exact = exact_of(EXACT, spec.exact, options)

@@ -64,8 +64,10 @@ def _cells(row: Row) -> tuple[str, ...]:
 
     def beside(key: str, exact: str) -> str:
         value, true = float(row[key]), float(row[exact])
-        return "" if math.isnan(value) else f"{value:.2f}" + (
-            "" if math.isnan(true) else f" ({true:.2f})"
+        return (
+            ""
+            if math.isnan(value)
+            else f"{value:.2f}" + ("" if math.isnan(true) else f" ({true:.2f})")
         )
 
     return (
@@ -85,7 +87,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def whole_table(rows: Iterable[Row]) -> str:
     """Every scene and method."""
-    cells = ((r["scene"] * (r["method"] == DEFAULT), METHODS[r["method"]], *_cells(r)) for r in rows)
+    cells = (
+        (r["scene"] * (r["method"] == DEFAULT), METHODS[r["method"]], *_cells(r)) for r in rows
+    )
     return _table(("scene", "method", *HEADS), list(cells))
 
 

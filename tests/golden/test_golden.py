@@ -1,8 +1,8 @@
 """Golden replays: no accuracy figure of a test scene may get worse than tests/golden/bounds.csv says.
 
 The exact tables in tests/golden/exact hold the way out and its moment on exact geometry; a program of their own makes
-them (tests/golden/gen/way_out_tables.py). The figures are those of `make bench` (tests/bench/bench.py, crease.replay.measures). To refresh the bounds after a change that is
-meant to move them:
+them (tests/golden/gen/way_out_tables.py). The figures are those of `make bench` (tests/bench/bench.py,
+crease.replay.measures). To refresh the bounds after a change that is meant to move them:
 
     make scenes
     .venv/bin/python tests/golden/test_golden.py --write

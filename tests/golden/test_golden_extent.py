@@ -40,7 +40,9 @@ def test_torque_bounds_are_at_most_15_percent_above_what_is_measured() -> None:
     for (name, key), bound in golden.read_bounds(BOUNDS).items():
         if key.startswith("torque"):
             assert bound == float(f"{bound:.2g}")
-            assert bound <= max(1.05 * golden.ROOM * getattr(figures(name), key), golden.LEAST["mm"])
+            assert bound <= max(
+                1.05 * golden.ROOM * getattr(figures(name), key), golden.LEAST["mm"]
+            )
 
 
 def test_every_scene_with_an_exact_table_has_its_bounds() -> None:

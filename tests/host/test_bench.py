@@ -246,7 +246,9 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
     )
     assert said.status == 0, said.err
     points = read_points(tmp_path / "pareto.csv")
-    assert {"peer", "way out", "extent", "published", "fixed45", "exact boolean"} <= {p.label for p in points}
+    assert {"peer", "way out", "extent", "published", "fixed45", "exact boolean"} <= {
+        p.label for p in points
+    }
     assert (tmp_path / "pareto.png").read_bytes().startswith(b"\x89PNG")
 
 

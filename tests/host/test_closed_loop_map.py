@@ -35,7 +35,9 @@ def test_figure_is_drawn_also_where_nothing_or_everything_settles(tmp_path: Path
 
 @pytest.mark.slow
 def test_ball_in_a_groove_holds_about_what_the_bound_allows(tmp_path: Path) -> None:
-    job = next(j for j in jobs_of(tmp_path, quick=True) if j.case.groove and j.response == "way_out")
+    job = next(
+        j for j in jobs_of(tmp_path, quick=True) if j.case.groove and j.response == "way_out"
+    )
     cell = work(job)
     assert 0.85 < cell.largest_N_m / cell.bound_N_m < 1.2
     assert cell.delay_ms == 1.0

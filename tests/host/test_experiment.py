@@ -46,7 +46,9 @@ def check_files(result: Result, folder: Path) -> None:
 def test_exact_contact_agrees_with_the_golden_tables(static: str, tool: str, path: str) -> None:
     """They come from another program, and are rounded to 1e-6 mm."""
     setup = setup_in(Path(), every=37)
-    with gzip.open(ROOT / f"tests/golden/exact_extent/{path}.csv.gz", "rt", encoding="utf-8") as file:
+    with gzip.open(
+        ROOT / f"tests/golden/exact_extent/{path}.csv.gz", "rt", encoding="utf-8"
+    ) as file:
         names = file.readline().strip().split(",")
         golden = dict(zip(names, np.loadtxt(file, delimiter=",")[::37].T, strict=True))
     solids = make_solids(setup.mesh(static), setup.mesh(tool))

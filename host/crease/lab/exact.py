@@ -1,7 +1,7 @@
 """The extent of the overlap of two solids in one pose, exact, from a boolean of their meshes.
 
-What the contact-zone method converges to at convex creases (firmware/rivals/EXTENT.md "Zones and area normal"): F* = k d* n*, n* against the
-gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own,
+What the contact-zone method converges to at convex creases (firmware/rivals/EXTENT.md "Zones and area normal"):
+F* = k d* n*, n* against the gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own,
 and add up.
 """
 
@@ -126,7 +126,7 @@ def convex_planes(mesh: Mesh) -> F64:
 
 
 def exact_exit_m(static: F64, tool: F64, pose: F64, along: F64) -> float:
-    """How far a convex tool has to go along a unit vector until it leaves a convex static object, m; 0 if they are apart.
+    """How far a convex tool goes along a unit vector until it leaves a convex static object, m; 0 if they are apart.
 
     static, tool: planes of `convex_planes`.   Method: the longest step t for which some point x of the static object has
     x - t along in the tool, a linear programme.   Cost: about 2 ms.
@@ -136,8 +136,13 @@ def exact_exit_m(static: F64, tool: F64, pose: F64, along: F64) -> float:
     placed = world_from_tool(pose)
     normal = tool[:, :3] @ placed[:, :3].T
     offset = tool[:, 3] + normal @ placed[:, 3]
-    rows = np.block([[static[:, :3], np.zeros((len(static), 1))], [normal, -(normal @ along)[:, None]]])
+    rows = np.block(
+        [[static[:, :3], np.zeros((len(static), 1))], [normal, -(normal @ along)[:, None]]]
+    )
     found = linprog(
-        [0.0, 0.0, 0.0, -1.0], rows, np.r_[static[:, 3], offset], bounds=[(None, None)] * 3 + [(0, None)]
+        [0.0, 0.0, 0.0, -1.0],
+        rows,
+        np.r_[static[:, 3], offset],
+        bounds=[(None, None)] * 3 + [(0, None)],
     )
     return -float(found.fun) if found.success else 0.0

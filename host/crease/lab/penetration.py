@@ -156,7 +156,12 @@ def _draw(
                         frames, depths[method, count], color=colour, label=f"{count:,} triangles"
                     )
                 axis.plot(
-                    frames, exact[method, last], color="black", ls=(0, (4, 2)), lw=1.4, label="exact"
+                    frames,
+                    exact[method, last],
+                    color="black",
+                    ls=(0, (4, 2)),
+                    lw=1.4,
+                    label="exact",
                 )
                 axis.set_xlim(*window)
                 shown = most[slice(window[0], window[1] + 1)]

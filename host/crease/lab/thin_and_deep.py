@@ -16,9 +16,7 @@ STIFFNESS_N_M = 1000.0
 METHODS = {
     "way out": ReplayOptions(stiffness_N_m=STIFFNESS_N_M),
     "extent": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="extent"),
-    "as published": ReplayOptions(
-        stiffness_N_m=STIFFNESS_N_M, response="extent", coverage="hard"
-    ),
+    "as published": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="extent", coverage="hard"),
     "sphere proxy": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="sphere_proxy"),
 }
 WRONG_SHARE = 0.2

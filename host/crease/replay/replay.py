@@ -59,7 +59,9 @@ def make_config(options: ReplayOptions) -> Any:
 
     Errors: SceneError for a coverage that is not for this response.
     """
-    if options.response == DEFAULT_RESPONSE and (options.coverage != "soft" or options.vertices_only):
+    if options.response == DEFAULT_RESPONSE and (
+        options.coverage != "soft" or options.vertices_only
+    ):
         what = "vertices_only" if options.vertices_only else f"coverage {options.coverage}"
         raise SceneError(
             f"{what}: {DEFAULT_RESPONSE} weighs every sample by its depth; use response extent, the method as published"

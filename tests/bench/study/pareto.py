@@ -88,7 +88,7 @@ def _point(setup: BenchSetup, case: Case, path: Trajectory) -> Point:
 def _directions(
     scene: Scene, path: Trajectory, exact: Exact | None, options: ReplayOptions
 ) -> tuple[float, float]:
-    """Median direction error, NaN when it is silent or nothing exact is known; share of the deep ticks without a force."""
+    """Median direction error, NaN when silent or nothing exact is known; share of the deep ticks without a force."""
     if exact is None:
         return math.nan, 0.0
     force = run_path(scene, path, options)["force_N"].astype(np.float64)

@@ -155,4 +155,8 @@ def write_tables(about: str, folder: str, solve: Solve) -> None:
 
 
 if __name__ == "__main__":
-    write_tables("Exact extent of the overlap in the test scenes, from mesh booleans.", "exact_extent", solve_scene)
+    write_tables(
+        "Exact extent of the overlap in the test scenes, from mesh booleans.",
+        "exact_extent",
+        solve_scene,
+    )
