@@ -1,7 +1,8 @@
 """The extent of the overlap of two solids in one pose, exact, from a boolean of their meshes.
 
 What the contact-zone method converges to at convex creases (firmware/rivals/EXTENT.md "Zones and area normal"):
-F* = k d* n*, n* against the gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own,
+F* = k d* n*, n* against the gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of
+overlap answer on their own,
 and add up.
 """
 
@@ -126,9 +127,9 @@ def convex_planes(mesh: Mesh) -> F64:
 
 
 def exact_exit_m(static: F64, tool: F64, pose: F64, along: F64) -> float:
-    """How far a convex tool goes along a unit vector until it leaves a convex static object, m; 0 if they are apart.
+    """How far a convex tool goes along a unit vector to leave a convex static object, m; 0 if they are apart.
 
-    static, tool: planes of `convex_planes`.   Method: the longest step t for which some point x of the static object has
+    static, tool: planes of `convex_planes`.   Method: the longest t for which some point x of the static object has
     x - t along in the tool, a linear programme.   Cost: about 2 ms.
     """
     from scipy.optimize import linprog

@@ -132,7 +132,7 @@ def _error(c: Cost) -> str:
     """A sentence; nothing where there is no exact table."""
     if np.isnan(c.error_single_mm):
         return ""
-    return f"Error against the exact table: {c.error_single_mm:.4g} mm in float32, {c.error_double_mm:.4g} mm in double. "
+    return f"Error against the exact: {c.error_single_mm:.4g} mm in float32, {c.error_double_mm:.4g} mm in double. "
 
 
 def _draw(setup: BenchSetup, result: Result, curves: dict[str, F64], costs: list[Cost]) -> None:
