@@ -170,8 +170,9 @@ def draw_scene(name: str, spec: SceneSpec, folder: Path) -> Path:
             axes[1].plot(path.t_s, turn, label=method, **style)
         axes[2].plot(path.t_s[1:], direction_steps_deg(force_N, counts), label=method, **style)
     for method, line in (("way_out", "k--"), ("extent", "k:")):
-        if (true_N := exact_N.get(method)) is None:
+        if method not in exact_N:
             continue
+        true_N = exact_N[method]
         counts = np.linalg.norm(true_N, axis=1) > DEEP_M * spec.stiffness_N_m
         look: dict[str, Any] = {"lw": 1.0, "label": f"exact {method}", "zorder": 4}
         axes[0].plot(path.t_s, np.linalg.norm(true_N, axis=1), line, **look)

@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -231,7 +232,13 @@ def _draw_corner(axes: Axes) -> None:
     axes.fill([-90, 0, 0, -90], [0, 0, -90, -90], color="#e6ecf2")
     axes.plot([-90, 0, 0], [0, 0, -90], color="#33506b", lw=1.8)
     axes.plot(x, z, color="#8a8a8a", lw=0.9, ls=(0, (4, 2)))
-    arrows = {"angles": "xy", "scale_units": "xy", "scale": 0.35, "width": 0.008, "color": BLUE}
+    arrows: dict[str, Any] = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": 0.35,
+        "width": 0.008,
+        "color": BLUE,
+    }
     axes.quiver(x[shown], z[shown], force_N[shown, 0], force_N[shown, 2], **arrows)
     axes.set_aspect("equal")
     axes.set_xlim(-75, 80)

@@ -2,8 +2,7 @@
 
 What the contact-zone method converges to at convex creases (firmware/rivals/EXTENT.md "Zones and area normal"):
 F* = k d* n*, n* against the gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of
-overlap answer on their own,
-and add up.
+overlap answer on their own, and add up.
 """
 
 from __future__ import annotations

@@ -99,7 +99,8 @@ def measure(
     moved_m = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
     if exact is None:
         nan, found = math.nan, amplification(felt.force_N, options.stiffness_N_m, moved_m)
-        return Accuracy(*[nan] * 8, found, nan, nan, nan, int((felt.depth_m > 0).sum()))
+        ticks = int((felt.depth_m > 0).sum())
+        return Accuracy(nan, nan, nan, nan, nan, nan, nan, nan, found, nan, nan, nan, ticks)
     return compare(
         felt,
         exact_felt(exact, options.stiffness_N_m),
