@@ -39,6 +39,8 @@ SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
 C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h) $(NATIVE_H)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
+# Of what is there for comparison only: built with rivals.
+RIVAL_TESTS := test_rivals test_extent test_extent_zones
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
 IMAGE_HELPERS := $(filter-out %/servo_rig.c,$(TEST_HELPERS))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
@@ -224,7 +226,7 @@ build/$(1)/librivals.a: $(patsubst %.c,build/$(1)/rivals/%.o,$(CONTACT_C) $(RIVA
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
-build/$(1)/tests/test_rivals: build/$(1)/rivals/tests/unit/test_rivals.o build/$(1)/librivals.a
+$(RIVAL_TESTS:%=build/$(1)/tests/%): build/$(1)/tests/%: build/$(1)/rivals/tests/unit/%.o build/$(1)/librivals.a
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lcmocka -lm -o $$@
 
 build/$(1)/libsim.a: $(SIM_C:%.c=build/$(1)/%.o)
@@ -241,7 +243,7 @@ build/$(1)/creased: build/$(1)/firmware/port/linux/creased.o build/$(1)/libcreas
 	@$(CC_$(1)) $(CFLAGS_$(1)) $$^ -lm -lpthread -o $$@
 
 c-tests-$(1): $(addprefix build/$(1)/tests/,$(TEST_NAMES))
-$(patsubst %.c,build/$(1)/%.o,$(TEST_C) $(TEST_HELPERS) $(FUZZ_C)) build/$(1)/rivals/tests/unit/test_rivals.o: | build/.apt-develop
+$(patsubst %.c,build/$(1)/%.o,$(TEST_C) $(TEST_HELPERS) $(FUZZ_C)) $(RIVAL_TESTS:%=build/$(1)/rivals/tests/unit/%.o): | build/.apt-develop
 endef
 $(foreach variant,gcc clang san cov fuzz scalar,$(eval $(call VARIANT,$(variant))))
 build/clang/.flags build/fuzz/.flags build/scalar/.flags: | build/.apt-develop
@@ -293,7 +295,7 @@ coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp coverage
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/check tests/host/test_units.py,tests)
 
 # The long one reaches nothing that the others do not; what is covered is what ships, not what was built with rivals beside it.
-COVERING := $(filter-out test_soak test_rivals,$(TEST_NAMES))
+COVERING := $(filter-out test_soak $(RIVAL_TESTS),$(TEST_NAMES))
 
 coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage

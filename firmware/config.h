@@ -20,15 +20,6 @@
 #error "CR_SCALAR: 0 or 1"
 #endif
 
-/* 1: the response way_out is there. The boards' builds leave it out: it takes 22 KB more code, needs 4.5 KB
- * of stack in all, more than their budgets, and takes up to 1.7 times the instructions. */
-#ifndef CR_WAY_OUT
-#define CR_WAY_OUT 1
-#endif
-#if CR_WAY_OUT != 0 && CR_WAY_OUT != 1
-#error "CR_WAY_OUT: 0 or 1"
-#endif
-
 /* Depth of the sphere tree in groups. 16^6 clusters hold 268 million points; the traversal stack has this length. */
 #ifndef CR_TREE_DEPTH_MAX
 #define CR_TREE_DEPTH_MAX 6
@@ -44,14 +35,6 @@
 #endif
 #if CR_CLUSTERS_MAX < 16 || CR_CLUSTERS_MAX > 65535
 #error "CR_CLUSTERS_MAX: 16..65535 clusters"
-#endif
-
-/* (cluster, surface) pairs one tick may keep: a cluster on a crease touches two or three surfaces. */
-#ifndef CR_TOUCHES_MAX
-#define CR_TOUCHES_MAX 382
-#endif
-#if CR_TOUCHES_MAX < 16 || CR_TOUCHES_MAX > 65535
-#error "CR_TOUCHES_MAX: 16..65535 touches"
 #endif
 
 /* Lookups of 16 points with which a tick searches for contact, unless cr_config says otherwise. They take about 0.1 ms on a desktop

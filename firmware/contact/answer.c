@@ -1,8 +1,6 @@
 /* answer: the stages in their order, and the contacts they make. */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* A point on which a force along the normal has this moment about the tool origin, nearest to the middle of what is inside. */
 static cr_vec3 point_of_force(const cr_way_half *half, cr_vec3 middle) {
     return v3_mad(v3_cross(half->normal, half->arm_m), half->normal, v3_dot(half->normal, middle));
@@ -100,5 +98,3 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
     stats->zones_dropped += zones->dropped + zones->layers.dropped;
     return made;
 }
-
-#endif

@@ -1,8 +1,6 @@
 /* depth_along: how deep each half-space is: the way of the deepest tool surface along its normal to the first exit. WAY_OUT.md "Depth". */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
 #define FAR_MAX 4.0f
 /* Share of a half-space's weight from which on a plane bounds it in full. */
@@ -163,8 +161,7 @@ static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, 
         const float leaves = own->curved ? v3_dot(n, half->normal) : flat_leaves;
         const float most = cr_way_half_width(c, i, n) - own->height_m[i];
         /* most / leaves or far, without a division */
-        const int by_own =
-            (at->count > 0u) & (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most <= half->depth_m * leaves + SLACK_M);
+        const int by_own = (at->count > 0u) & (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most <= half->depth_m * leaves + SLACK_M);
         const int by_far = part[i] * (far + c->ramp[i]) <= half->depth_m;
         longer |= (uint32_t)(!(by_own | by_far)) << i;
     }
@@ -189,7 +186,8 @@ static void find_ways(const spots *at, uint32_t lanes, const cr_way_rows *e, flo
             const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
             const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
             const float least = there ? -(h + reach[i]) * per : NEVER_M;
-            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
+            const float gain = cr_way_gain(c, i, 0.5f * per * (reach[i] - c->reach[i]) / (0.5f * CR_WAY_REACH));
+            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], gain - h * per) : w->middle_m[i];
             w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
             w->steep[i] = higher_f(w->steep[i], leaves);
             second[i] = lower_f(second[i], higher_f(first[i], least));
@@ -353,8 +351,7 @@ static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32
 
 static void over_planes(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *all) {
     cr_heights *h = &s->scratch->heights;
-    cr_planes *one = &s->scratch->alone;
-    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, one);
+    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, &s->scratch->alone);
     cr_planes_measure(p, c, h);
     if (p->sign < 0.0f) {
         behind_walls(s, c, lanes, p, h);
@@ -427,8 +424,7 @@ static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share)
 /* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
 static void over_nothing(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look) {
     const cr_vec3 none = {0.0f, 0.0f, 0.0f};
-    spots at = {.c = c, .lanes = lanes, .count = 0u};
-    at.planes[0] = (known){CR_FACET_NONE, 0, none, look->phi_m};
+    const spots at = {.c = c, .lanes = lanes, .count = 0u, .planes = {{CR_FACET_NONE, 0, none, look->phi_m}}};
     count_lanes_for(s, &at, CR_WAY_NONE, 0u, whole);
 }
 
@@ -544,5 +540,3 @@ void cr_way_measure(const cr_respond_input *in, cr_way_work *work) {
         }
     }
 }
-
-#endif

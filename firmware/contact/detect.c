@@ -52,17 +52,10 @@ typedef struct {
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
-    float reach_m;     /* how far beside it the sample or cluster in hand touches other facets */
     uint32_t lookups;
     cr_planes *planes; /* those that the last cluster on planes lay at */
     float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
-
-/* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
-typedef struct {
-    cr_lanes3 world;
-    cr_lookup centres;
-} batch;
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
     uint32_t mask = 0u;
@@ -72,149 +65,34 @@ static uint32_t lanes_where_below(const float *value, const float *limit) {
     return mask;
 }
 
-static cr_hit *add_hit(walk *w, uint32_t cluster) {
-    if (w->set->hit_count >= CR_CLUSTERS_MAX) {
-        w->stats->clusters_dropped++;
+cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats) {
+    if (set->hit_count >= CR_CLUSTERS_MAX) {
+        stats->clusters_dropped++;
         return NULL;
     }
-    cr_hit *hit = &w->set->hits[w->set->hit_count++];
+    cr_hit *hit = &set->hits[set->hit_count++];
     hit->cluster = cluster;
     hit->area = CR_HIT_NONE;
     hit->planes = 0u;
     return hit;
 }
 
-/* The touch of this hit on the patch of facet, made when missing. */
-static cr_touch *find_touch(walk *w, uint32_t first, uint32_t facet) {
-    const struct cr_img_facet *facets = w->scene->facets;
-    for (uint32_t t = first; t < w->set->touch_count; t++) {
-        cr_touch *touch = &w->set->touches[t];
-        if (touch->facet == facet) {
-            return touch;
-        }
-        if (facets[touch->facet].patch == facets[facet].patch) {
-            touch->mixed = 1u;
-            return touch;
-        }
-    }
-    if (w->set->touch_count >= CR_TOUCHES_MAX) {
-        w->stats->touches_dropped++;
-        return NULL;
-    }
-    cr_touch *touch = &w->set->touches[w->set->touch_count++];
-    touch->hit = (uint16_t)(w->set->hit_count - 1u);
-    touch->mixed = (uint16_t)facets[facet].curved;
-    touch->facet = facet;
-    touch->area_m2 = 0.0f;
-    touch->normal_sum_m2 = v3(0.0f, 0.0f, 0.0f);
-    touch->point_sum_m3 = v3(0.0f, 0.0f, 0.0f);
-    touch->tool_sum_m2 = v3(0.0f, 0.0f, 0.0f);
-    return touch;
-}
-
-/* Facet of the static surface that a lane is nearest to, or CR_FACET_NONE away from the surface. */
-static uint32_t facet_of_lane(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p) {
-    const cr_scene *s = f->scene;
-    if ((at->from_facet >> lane) & 1u) {
-        return at->facet[lane];
-    }
-    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(f, at, lane)];
-    if (kind->count < 2u) {
-        return kind->count == 1u ? kind->facet[0] : CR_FACET_NONE;
-    }
-    /* Mixed: the facet whose plane passes nearest and faces the way the distance grows. */
-    uint32_t best = kind->facet[0];
-    float best_cost = 3.4e38f;
-    cr_vec3 g = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
-    for (uint32_t k = 0; k < kind->count; k++) {
-        const struct cr_img_facet *plane = &s->facets[kind->facet[k]];
-        float off = abs_f(v3_dot(v3_from(plane->normal), p) - plane->offset_m - at->phi_m[lane]);
-        float cost = off + (1.0f - v3_dot(v3_from(plane->normal), g)) * s->meta->voxel_m;
-        if (cost < best_cost) {
-            best_cost = cost;
-            best = kind->facet[k];
-        }
-    }
-    return best;
-}
-
-static void add_to_touch(cr_touch *touch, float area_m2, cr_vec3 normal, cr_vec3 surface) {
-    touch->area_m2 += area_m2;
-    touch->normal_sum_m2 = v3_mad(touch->normal_sum_m2, normal, area_m2);
-    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, surface, area_m2);
-}
-
-/* The other facets that meet in the lane's crease cell, the more the nearer they are: a zone that is inside the tool between its
- * samples must be known, or the normal could not turn towards it. */
-static void touch_beside(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2) {
-    const struct cr_img_kind *kind = &w->scene->kinds[at->kind[lane]];
-    const float per_reach = 1.0f / max_f(w->reach_m, 1e-9f);
-    for (uint32_t k = 0; k < kind->count; k++) {
-        if (kind->facet[k] == at->facet[lane]) {
-            continue;
-        }
-        const struct cr_img_facet *facet = &w->scene->facets[kind->facet[k]];
-        cr_vec3 normal = v3_from(facet->normal);
-        float height = v3_dot(normal, p_world) - facet->offset_m;
-        float part = 1.0f - abs_f(height - at->phi_m[lane]) * per_reach;
-        if (part <= 0.0f) {
-            continue;
-        }
-        cr_touch *touch = find_touch(w, first, kind->facet[k]);
-        if (touch != NULL) {
-            add_to_touch(touch, area_m2 * part, normal, v3_mad(p_world, normal, -height));
-        }
-    }
-}
-
-/* What is deeper inside than a sample is wide tells less and less of the surface: half-way between two faces the nearest changes at
- * once. */
-static float part_told(float spacing_m, float phi_m) {
-    float deeper = -(phi_m + spacing_m);
-    return deeper > 0.0f ? spacing_m * spacing_m / (spacing_m * spacing_m + deeper * deeper) : 1.0f;
-}
-
-/* Tool surface of area_m2 at p is next to the static surface: note which, with its normal and nearest point. */
-static void touch_surface(walk *w, uint32_t first, const cr_lookup *at, int lane, cr_vec3 p_world, float area_m2,
-                          cr_vec3 area_tool) {
-    uint32_t index = facet_of_lane(w->field, at, lane, p_world);
-    if (index == CR_FACET_NONE) {
-        return;
-    }
-    const struct cr_img_facet *facet = &w->scene->facets[index];
-    cr_vec3 gradient = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
-    cr_vec3 normal = facet->curved ? v3_unit(gradient, 1e-3f) : v3_from(facet->normal);
-    cr_touch *touch = find_touch(w, first, index);
-    if (touch == NULL) {
-        return;
-    }
-    area_m2 *= part_told(w->scene->meta->spacing_m, at->phi_m[lane]);
-    add_to_touch(touch, area_m2, normal, v3_mad(p_world, gradient, -at->phi_m[lane]));
-    touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, area_tool);
-    if ((at->from_facet >> lane) & 1u) {
-        touch_beside(w, first, at, lane, p_world, area_m2);
-    }
-}
-
-/* A cluster that is inside as a whole: sums from the image, surface from its centre. */
-static void take_whole(walk *w, uint32_t cluster, const batch *b, int lane) {
-    cr_hit *hit = add_hit(w, cluster);
+#ifdef CR_RIVALS
+/* A cluster that is inside as a whole: rivals go by its middle. */
+static void take_whole(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
+    const cr_vec3 middle = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
+    cr_hit *hit = cr_add_hit(w->set, cluster, w->stats);
     if (hit == NULL) {
         return;
     }
-    uint32_t first = w->set->touch_count;
-    w->reach_m = w->scene->meta->crease_m;
     hit->covered = 0xffffu;
     hit->inside = 0xffffu;
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
     hit->whole = 1u;
-    hit->sum = w->scene->sums[cluster];
     w->set->contacts += w->scene->clusters[cluster].count;
-    if (abs_f(b->centres.phi_m[lane]) < w->scene->meta->band_m) {
-        cr_vec3 p = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-        touch_surface(w, first, &b->centres, lane, p, hit->sum.area, v3(hit->sum.ax, hit->sum.ay, hit->sum.az));
-    }
+    cr_touch_whole(w->field, hit, middle, &b->centres, lane, w->set, w->stats);
 }
+#endif
 
 /* Smallest distance that any of 16 points still has to go before it is covered. */
 static float smallest_clearance(const struct cr_img_cluster *c, const float *phi_m, float slack_m) {
@@ -229,194 +107,36 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
     return least;
 }
 
-/* Lanes of `among` that are beside `seed`, or beside those, and so on. */
-static uint32_t connected_lanes(const struct cr_img_cluster *c, uint32_t seed, uint32_t among) {
-    uint32_t found = seed, fresh = seed;
-    while (fresh != 0u && found != among) {
-        uint32_t next = c->beside[take_lane(&fresh)] & among & ~found;
-        found |= next;
-        fresh |= next;
-    }
-    return found;
-}
-
-/* The one planar facet that all these lanes are over, or CR_FACET_NONE. */
-static uint32_t common_facet(const walk *w, const cr_looked *l, uint32_t lanes) {
-    const cr_scene *s = w->scene;
-    uint32_t common = CR_FACET_NONE, plain = CR_TOP_FAR; /* plain: the last brick that has one kind for all of it */
-    if ((lanes & l->at->from_facet) != 0u) {
-        return CR_FACET_NONE;
-    }
-    while (lanes != 0u) {
-        int i = take_lane(&lanes);
-        uint32_t entry = l->at->entry[i];
-        if (entry == plain) {
-            continue;
-        }
-        const struct cr_img_kind *kind = &s->kinds[cr_field_kind(w->field, l->at, i)];
-        uint32_t facet = kind->facet[0];
-        if (kind->count != 1u || s->facets[facet].curved || (common != CR_FACET_NONE && facet != common)) {
-            return CR_FACET_NONE;
-        }
-        common = facet;
-        plain = s->bricks[entry].cells == CR_CELLS_NONE ? entry : plain;
-    }
-    return common;
-}
-
-/* Part of a hit that is over one planar facet, by its sums: points project onto the plane all alike. */
-static void touch_plane(walk *w, uint32_t first, uint32_t facet, const struct cr_img_sum *sum) {
-    const struct cr_img_facet *plane = &w->scene->facets[facet];
-    cr_touch *touch = find_touch(w, first, facet);
-    if (touch == NULL) {
+/* The hit of a cluster with covered lanes, and what it is inside of. */
+static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane) {
+    const int whole = l->full == (1u << l->c->count) - 1u;
+#ifdef CR_RIVALS
+    if (w->options->touches && whole) {
+        take_whole(w, l->cluster, b, lane);
         return;
     }
-    cr_vec3 normal = v3_from(plane->normal);
-    cr_vec3 points = v3_mad(xform_rotate(w->pose, v3(sum->px, sum->py, sum->pz)), w->pose->t, sum->area);
-    float height = v3_dot(normal, points) - plane->offset_m * sum->area;
-    float told = part_told(w->scene->meta->spacing_m, height / max_f(sum->area, 1e-20f));
-    add_to_touch(touch, told * sum->area, normal, v3(0.0f, 0.0f, 0.0f));
-    touch->point_sum_m3 = v3_mad(touch->point_sum_m3, v3_mad(points, normal, -height), told);
-    touch->tool_sum_m2 = v3_add(touch->tool_sum_m2, v3(sum->ax, sum->ay, sum->az));
-}
-
-/* How far from its nearest facet a lane touches others: a crease or corner of the tool is as wide as its ramp; a face between samples
- * reaches into all of a crease cell. */
-static float reach_of_lane(const walk *w, const struct cr_img_cluster *c, int lane) {
-    return ((c->crease_mask | c->vertex_mask) >> lane) & 1u ? c->ramp[lane] : w->scene->meta->crease_m;
-}
-
-/* Lanes at or near the highest plane of which is plane k: those at less than their reach below. */
-static uint32_t lanes_at_plane(const walk *w, const cr_looked *l, uint32_t k, uint32_t lanes) {
-    const float *height = l->heights->height_m[k], *top = l->heights->top_m;
-    uint32_t at = 0u;
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        at |= (uint32_t)(top[i] - height[i] < reach_of_lane(w, l->c, i)) << i;
-    }
-    return at;
-}
-
-/* Sums over lanes at a plane: the less of a lane the lower the plane lies below its highest. Its area vector faces that alone. */
-static struct cr_img_sum sum_at_plane(const walk *w, const cr_looked *l, uint32_t k, uint32_t lanes) {
-    const struct cr_img_cluster *c = l->c;
-    struct cr_img_sum sum = {0};
-    const float *height = l->heights->height_m[k], *top = l->heights->top_m;
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        float share = l->coverage[i], area = share * c->area[i];
-        area *= 1.0f - (top[i] - height[i]) / max_f(reach_of_lane(w, c, i), 1e-9f);
-        sum.area += area;
-        sum.px += area * c->x[i];
-        sum.py += area * c->y[i];
-        sum.pz += area * c->z[i];
-        if ((l->heights->highest[k] >> i) & 1u) {
-            sum.ax += share * c->ax[i];
-            sum.ay += share * c->ay[i];
-            sum.az += share * c->az[i];
-        }
-    }
-    return sum;
-}
-
-/* What a hit touches of the planes it lies at: of each lane the highest, and others as far as they come near that. */
-static void touch_planes(walk *w, const cr_looked *l, const cr_hit *hit, uint32_t lanes) {
-    const uint32_t first = w->set->touch_count;
-    for (uint32_t k = 0; k < l->planes->count; k++) {
-        if ((lanes & ~l->heights->highest[k]) == 0u) {
-            touch_plane(w, first, l->planes->facet[k], &hit->sum);
-            continue;
-        }
-        const uint32_t at = lanes_at_plane(w, l, k, lanes);
-        if (at != 0u) {
-            const struct cr_img_sum sum = sum_at_plane(w, l, k, at);
-            touch_plane(w, first, l->planes->facet[k], &sum);
-        }
-    }
-}
-
-/* What a hit touches, lane by lane as it was looked up. */
-static void touch_looked_up(walk *w, const cr_looked *l, const cr_hit *hit, uint32_t lanes) {
-    const uint32_t first = w->set->touch_count, facet = common_facet(w, l, lanes);
-    if (facet != CR_FACET_NONE) {
-        touch_plane(w, first, facet, &hit->sum);
+    if (w->options->touches) {
+        cr_touch_points(w->field, w->pose, l, w->set, w->stats);
         return;
     }
-    while (lanes != 0u) {
-        int i = take_lane(&lanes);
-        cr_vec3 area_tool = v3_scale(v3(l->c->ax[i], l->c->ay[i], l->c->az[i]), l->coverage[i]);
-        cr_vec3 p_world = v3(l->world->x[i], l->world->y[i], l->world->z[i]);
-        w->reach_m = reach_of_lane(w, l->c, i);
-        touch_surface(w, first, l->at, i, p_world, l->c->area[i] * l->coverage[i], area_tool);
-    }
-}
-
-/* The hit of some covered lanes of a cluster that hang together. */
-static void take_lanes(walk *w, const cr_looked *l, uint32_t lanes) {
-    cr_hit *hit = add_hit(w, l->cluster);
-    if (hit == NULL) {
-        return;
-    }
-    uint32_t around = lanes;
-    float some[CR_LANES];
-    for (int i = 0; i < CR_LANES && lanes != l->covered; i++) {
-        some[i] = (lanes >> i) & 1u ? l->coverage[i] : 0.0f;
-    }
-    for (uint32_t left = lanes; left != 0u && (l->near & ~around) != 0u;) {
-        around |= l->c->beside[take_lane(&left)];
-    }
-    hit->covered = (uint16_t)lanes;
-    hit->inside = (uint16_t)(l->inside & lanes);
-    hit->near = (uint16_t)(l->near & around);
-    hit->whole = 0u;
-    cr_sum_cluster(l->c, lanes == l->covered ? l->coverage : some, &hit->sum);
-    w->set->contacts += count_lanes(hit->inside);
-    if (l->planes != NULL) {
-        hit->planes = (uint16_t)l->planes->kind;
-        touch_planes(w, l, hit, lanes);
-    } else {
-        touch_looked_up(w, l, hit, lanes);
-    }
-}
-
-#if CR_WAY_OUT
-/* The hit of a cluster with covered lanes, for the way out: in one, and what it is inside of. */
-static void take_cluster(walk *w, const cr_looked *l) {
-    cr_hit *hit = add_hit(w, l->cluster);
+#else
+    (void)b;
+    (void)lane;
+#endif
+    cr_hit *hit = cr_add_hit(w->set, l->cluster, w->stats);
     if (hit == NULL) {
         return;
     }
     hit->covered = (uint16_t)l->covered;
     hit->inside = (uint16_t)l->inside;
     hit->near = (uint16_t)l->near;
-    hit->whole = (uint16_t)(l->full == (1u << l->c->count) - 1u);
+    hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
-#endif
-
-/* The hits of a cluster with covered lanes. */
-static void take_points(walk *w, const cr_looked *l, const batch *b, int lane) {
-#if CR_WAY_OUT
-    if (w->options->way) {
-        take_cluster(w, l);
-        return;
-    }
-#endif
-    if (l->full == (1u << l->c->count) - 1u) {
-        take_whole(w, l->cluster, b, lane);
-        return;
-    }
-    for (uint32_t left = l->covered; left != 0u;) {
-        uint32_t lanes = connected_lanes(l->c, left & (~left + 1u), left);
-        take_lanes(w, l, lanes);
-        left &= ~lanes;
-    }
-}
-
-static float look_up_points(walk *w, uint32_t cluster, const batch *b, int lane) {
+static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = (1u << c->count) - 1u;
     cr_lanes3 world;
@@ -468,14 +188,23 @@ typedef struct {
     float radius_m, reach_m; /* reach: with the margin */
 } leaf;
 
-static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
+/* The answer asks for each of several walls that meet concavely; a response of rivals/ for the nearest. */
+static int asks_for_each(const walk *w) {
+#ifdef CR_RIVALS
+    return w->options->touches == 0u;
+#else
+    (void)w;
+    return 1;
+#endif
+}
+
+static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
     const uint32_t used = (1u << c->count) - 1u;
     cr_heights h;
     cr_planes one;
     float coverage[CR_LANES];
-    /* Behind walls that meet concavely the way out asks for each, however deep. */
-    const int each = CR_WAY_OUT && w->options->way && w->planes->sign < 0.0f;
+    const int each = asks_for_each(w) && w->planes->sign < 0.0f;
     const cr_planes *p = each ? w->planes : cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
@@ -507,9 +236,9 @@ static float measure_points(walk *w, const leaf *f, const batch *b, int lane) {
 }
 
 /* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
-static float look_at_points(walk *w, const leaf *f, const batch *b, int lane) {
+static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    const uint32_t kind = cr_planes_around(w->field, b->centres.entry[lane], centre, f->reach_m);
+    const uint32_t kind = cr_planes_around(w->field, centre, f->reach_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
     if (kind == 0u) {
         return look_up_points(w, f->cluster, b, lane);
@@ -537,7 +266,7 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
 }
 
 /* One leaf sphere that was looked at: free, whole, or to be looked at point by point. */
-static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
+static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
     const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
     const uint32_t at = slot % CR_LANES;
     leaf f;
@@ -555,10 +284,12 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
         }
         if (-phi > f.reach_m + w->slack_in_m) {
             w->stats->clusters_inside++;
-            if (!CR_WAY_OUT || !w->options->way) { /* the way out asks how deep its points are */
+#ifdef CR_RIVALS
+            if (w->options->touches) {
                 take_whole(w, f.cluster, b, lane);
                 return;
             }
+#endif
         }
     }
     w->lookups++;
@@ -569,23 +300,23 @@ static void visit_cluster(walk *w, uint32_t slot, const batch *b, int lane) {
 static void look_at_waiting(walk *w) {
     cr_search *s = w->search;
     const uint32_t count = s->waiting;
-    batch b;
+    cr_batch *b = &s->batch;
     if (count == 0u) {
         return;
     }
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
         const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
-        b.world.x[i] = g->x[lane]; /* of the tool yet */
-        b.world.y[i] = g->y[lane];
-        b.world.z[i] = g->z[lane];
+        b->world.x[i] = g->x[lane]; /* of the tool yet */
+        b->world.y[i] = g->y[lane];
+        b->world.z[i] = g->z[lane];
     }
     w->lookups++;
     w->stats->nodes += count;
-    cr_lanes_to_world(w->pose, b.world.x, b.world.y, b.world.z, &b.world);
-    cr_field_look_up_lanes(w->field, &b.world, (1u << count) - 1u, &b.centres);
+    cr_lanes_to_world(w->pose, b->world.x, b->world.y, b->world.z, &b->world);
+    cr_field_look_up_lanes(w->field, &b->world, (1u << count) - 1u, &b->centres);
     for (uint32_t i = 0; i < count; i++) {
-        visit_cluster(w, s->slot[i], &b, (int)i);
+        visit_cluster(w, s->slot[i], b, (int)i);
     }
     s->waiting = 0u;
 }
@@ -695,19 +426,17 @@ static void give_up(walk *w) {
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats) {
     cr_planes planes;
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f, 0u, &planes, 0.0f};
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u, &planes, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
     if (!search->open) {
         search->depth = search->waiting = search->calls = 0u;
         set->hit_count = 0u;
-        set->touch_count = 0u;
         set->contacts = 0u;
-#if CR_WAY_OUT
-        if (options->way) {
-            set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
-        }
+        set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
+#ifdef CR_RIVALS
+        set->touch_count = 0u;
 #endif
         if (tool_is_free(&w)) {
             return 1;

@@ -2,8 +2,6 @@
 #include "contact/lanes.h"
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     for (uint32_t z = 0; z < zones->count; z++) {
         const cr_way_key *k = &zones->zones[z].key;
@@ -147,5 +145,3 @@ void cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint3
     }
     add_layers(f->scene, pose, set, hit);
 }
-
-#endif

@@ -1,8 +1,6 @@
 /* layers: what the samples of a cluster are inside of, surface by surface, and how deep. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
 #define EXPLAINS 0.5f
 /* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
@@ -381,5 +379,3 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
                        coverage[i], out);
     }
 }
-
-#endif

@@ -92,22 +92,24 @@ static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *firs
     return most != 0u ? most : least;
 }
 
-uint32_t cr_planes_around(const cr_field *f, uint32_t entry, cr_vec3 p_world, float reach_m) {
+uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
     const struct cr_img_meta *m = f->scene->meta;
     const float p[3] = {p_world.x, p_world.y, p_world.z}, reach = reach_m * f->inv_brick;
+    int32_t middle[3];
     box b;
-    if ((entry & CR_TOP_FAR) || f->scene->bricks[entry].planes == 0u) {
-        return 0u;
-    }
     for (int a = 0; a < 3; a++) {
         const float at = (p[a] - m->origin_m[a]) * f->inv_brick;
+        middle[a] = (int32_t)clamp_f(at, 0.0f, f->grid_max[a]);
         b.low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
         b.high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
         if (b.high[a] - b.low[a] >= BOX_MAX) {
             return 0u;
         }
     }
-    return planes_of_box(f, &f->scene->bricks[entry], &b);
+    const uint32_t entry = f->scene->top[(middle[2] * f->dims[1] + middle[1]) * f->dims[0] + middle[0]];
+    return (entry & CR_TOP_FAR) != 0u || f->scene->bricks[entry].planes == 0u
+               ? 0u
+               : planes_of_box(f, &f->scene->bricks[entry], &b);
 }
 
 void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_planes *out) {

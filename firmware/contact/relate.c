@@ -4,8 +4,6 @@
  * between each counts for the other by a part that changes continuously. */
 #include "contact/way_out.h"
 
-#if CR_WAY_OUT
-
 /* Sine of the elevation of a zone above the plane of another from which on they are apart. */
 #define APART_SINE 0.2f
 /* What is left of a sum outside the cone of the normals touched is sampling error up to this share of it. */
@@ -236,8 +234,7 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     const float trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
-    const cr_vec3 way =
-        into_cone(zones, m, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f));
+    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f));
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
@@ -311,5 +308,3 @@ uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_
     share_arms(out, count);
     return count;
 }
-
-#endif

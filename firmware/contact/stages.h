@@ -1,6 +1,6 @@
 /* The stages of one tick, in flow order, and what passes between them. Internal: users include crease.h.
  *
- *     pose -> detect -> zones -> respond -> wrench
+ *     pose -> detect -> gather -> answer -> wrench
  *
  * Each stage reads const inputs, writes one output and counts in stats. Frames are in the names; lengths in m. */
 #ifndef CR_STAGES_H
@@ -90,9 +90,8 @@ typedef struct {
     uint32_t cut;                         /* lanes whose piece is cut by one; the rest is outside */
 } cr_heights;
 
-/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none.
- * Shapes   entry: top entry of the point's brick. */
-uint32_t cr_planes_around(const cr_field *field, uint32_t entry, cr_vec3 p_world, float reach_m);
+/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none. */
+uint32_t cr_planes_around(const cr_field *field, cr_vec3 p_world, float reach_m);
 
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
@@ -109,19 +108,21 @@ void cr_planes_measure(const cr_planes *planes, const struct cr_img_cluster *clu
  * Cost     100 instructions on a Cortex-M7 where it is above several planes. */
 float cr_planes_distance(const cr_planes *planes, const float *height_m, float top_m);
 
-/* Covered lanes of a cluster that hang together: what they add to their contact area. Tool frame, so that whole clusters need no
- * arithmetic. */
+/* A cluster in contact: its covered lanes. For rivals: those of them that hang together, and what they add to their area. */
 typedef struct {
     uint32_t cluster;
     uint16_t covered; /* lanes with any coverage */
     uint16_t inside;  /* lanes with phi <= 0 */
     uint16_t
         near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
-    uint16_t area;   /* set by zones: index of the contact area */
+    uint16_t area;   /* CR_HIT_NONE; set by a response of rivals/: index of the contact area */
     uint16_t whole;  /* 1: every lane fully covered */
     uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: look it up */
+#ifdef CR_RIVALS
     struct cr_img_sum sum;
+#endif
 } cr_hit;
+#define CR_HIT_NONE 0xffffu
 
 /* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
 typedef struct {
@@ -135,17 +136,6 @@ typedef struct {
     const float *coverage; /* 0 where `covered` is not set */
     uint32_t covered, full, inside, near;
 } cr_looked;
-
-/* What a cluster touches of one static patch. */
-typedef struct {
-    uint16_t hit;
-    uint16_t mixed;        /* 1: more than one facet */
-    uint32_t facet;        /* the first facet */
-    float area_m2;         /* coverage times tool area, projected on the surface */
-    cr_vec3 normal_sum_m2; /* area times surface normal, world */
-    cr_vec3 point_sum_m3;  /* area times nearest surface point, world */
-    cr_vec3 tool_sum_m2;   /* covered area vectors of the tool there, tool frame */
-} cr_touch;
 
 /* Zones of a tick: a static facet, or a side of a curved surface, that one piece of the tool is inside of. Bits of a word. */
 #define CR_WAY_ZONES_MAX 24u
@@ -215,18 +205,24 @@ typedef struct {
     cr_way_layers layers;                /* of the cluster in hand */
 } cr_way_zones;
 
-/* What detect found: hits, and by what the response asks for, the surfaces they touch or the zones they are inside of. */
+#ifdef CR_RIVALS
+#include "contact/compare.h"
+#endif
+
+/* What detect found: hits, and the zones they are inside of. */
 typedef struct {
-    uint32_t hit_count, touch_count;
+    uint32_t hit_count;
     uint32_t contacts; /* points inside the static object */
     cr_hit hits[CR_CLUSTERS_MAX];
-    union {
-        cr_touch touches[CR_TOUCHES_MAX];
-#if CR_WAY_OUT
-        cr_way_zones way;
+    cr_way_zones way;
+#ifdef CR_RIVALS
+    uint32_t touch_count;
+    cr_touch touches[CR_TOUCHES_MAX];
 #endif
-    };
 } cr_contact_set;
+
+/* Purpose  room for one more hit of a cluster, its places not set; null, and counted, when all are taken. */
+cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats);
 
 /* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones". */
 void cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
@@ -268,13 +264,21 @@ typedef struct {
     uint32_t skip;        /* CR_SKIP_* */
     uint32_t coverage;    /* cr_coverage */
     uint32_t lookups_max; /* of 16 points in one call */
-    uint32_t way;         /* 1: the zones of way_out; 0: touches, for the other responses */
+#ifdef CR_RIVALS
+    uint32_t touches; /* 1: what is touched, for a response of rivals/, and no zones */
+#endif
 } cr_detect_options;
 
 /* A group of the tree on the way down, and which of its children are still to be seen. */
 typedef struct {
     uint32_t group, lanes;
 } cr_search_level;
+
+/* Leaf spheres that are looked at together: lanes of several groups share one lookup. */
+typedef struct {
+    cr_lanes3 world;
+    cr_lookup centres;
+} cr_batch;
 
 /* Where a search stands between two ticks. */
 typedef struct {
@@ -284,13 +288,13 @@ typedef struct {
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
     uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
+    cr_batch batch;          /* when they are looked at */
 } cr_search;
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
 void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
-/* Purpose  the clusters of the shell that reach into the static object, in ascending order, one hit for each connected set of
- *          covered lanes, with their coverage sums and the surfaces they touch.
+/* Purpose  the clusters of the shell that reach into the static object, in ascending order, and the zones they are inside of.
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
  *          again with the same pose and the same motion until it is 1, at most CR_SEARCH_TICKS_MAX times.
  * Errors   none: capacities are counted in stats.
@@ -298,45 +302,7 @@ void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats);
 
-/* Surface state of a zone that respond needs and the report does not. */
-typedef struct {
-    uint32_t curved;     /* 1: more than one facet, plane found by support */
-    uint32_t facet;      /* the facet, when there is one */
-    float spread_rad;    /* standard deviation of its normals; 0 when planar */
-    cr_vec3 tool_sum_m2; /* covered area vectors of the tool next to the zone, tool frame */
-} cr_zone_shape;
-
-/* A contact area between zones and respond. Sums in the tool frame. */
-typedef struct {
-    struct cr_img_sum sum;
-    uint32_t zone_count;
-    cr_zone zones[CR_ZONES_MAX];
-    cr_zone_shape shapes[CR_ZONES_MAX];
-} cr_area_work;
-
-typedef struct {
-    uint32_t count;
-    cr_area_work areas[CR_AREAS_MAX];
-} cr_area_set;
-
-/* Purpose  group the hits into contact areas (connected pieces of tool surface) and the touches of each area into contact
- *          zones (one per smooth static patch).
- * Shapes   hit_of_cluster[scene->cluster_count], all CR_HIT_NONE between ticks.
- * Output   set->hits[].area, *areas.   Source  DESIGN.md "Zones and area normal" [1]. */
-void cr_zones(const cr_scene *scene, uint16_t *hit_of_cluster, cr_contact_set *set, cr_area_set *areas,
-              cr_stats *stats);
-#define CR_HIT_NONE 0xffffu
-
-#ifdef CR_RIVALS
-/* Where a proxy rests while the tool is inside: state of the proxy responses (rivals/README.md). */
-typedef struct {
-    cr_vec3 pos_m;
-    cr_vec3 device_m; /* the tool's place at the last tick */
-    uint32_t held;    /* 1: pos_m is the proxy's; 0: it starts from device_m */
-} cr_proxy;
-#endif
-
-/* What a response may look at to turn one area into normal, plane and depth. */
+/* What the answer may look at. */
 typedef struct {
     const cr_field *field;
     const xform *world_from_tool;
@@ -347,16 +313,21 @@ typedef struct {
 #endif
 } cr_respond_input;
 
-/* Purpose  areas with normal, contact plane, depth and acting point: the response that config selects. Concave creases
- *          split areas here.
- * Output   out[0..return), no force yet; every number finite.   Cost  O(hits of the areas).
- * Source   DESIGN.md "Zones and area normal", "Concave creases" [1]. */
-uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
-                    cr_stats *stats);
-
 #ifdef CR_RIVALS
-/* Purpose  the same by a response of rivals/, which answers for all areas at once. Defined there. */
-uint32_t cr_respond_as_rival(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max);
+/* What detect does for a response of rivals/ and that response itself: defined there. */
+
+/* Purpose  hits of the covered lanes of a cluster, one for each set of lanes that hang together, and the surfaces they touch. */
+void cr_touch_points(const cr_field *field, const xform *world_from_tool, const cr_looked *looked, cr_contact_set *set,
+                     cr_stats *stats);
+
+/* Purpose  the surface that a hit, inside as a whole, touches: by what was looked up at its middle.   Shapes  at, lane: of middle. */
+void cr_touch_whole(const cr_field *field, cr_hit *hit, cr_vec3 middle_world, const cr_lookup *at, int lane,
+                    cr_contact_set *set, cr_stats *stats);
+
+/* Purpose  areas with normal, contact plane, depth and acting point, no force yet.
+ * Shapes   hit_of_cluster[scene->cluster_count], all CR_HIT_NONE between ticks.   Output  out[0..return), every number finite. */
+uint32_t cr_respond_as_rival(const cr_respond_input *in, uint16_t *hit_of_cluster, cr_area_set *areas, cr_area *out,
+                             uint32_t room, cr_stats *stats);
 #endif
 
 /* Purpose  what the last tick detected, with the area of every hit: for viewers, no tick reads it.

@@ -25,7 +25,6 @@ struct cr_world {
     cr_pose previous;
     uint32_t has_previous;
     uint32_t faults;
-    uint16_t *hit_of_cluster;
     /* The search for contact, and how many ticks ago it began, at motion.last. */
     cr_search search;
     uint32_t searched_age;
@@ -34,20 +33,17 @@ struct cr_world {
     cr_pose held_at;
     uint32_t held_age, held_count;
     held_area held[CR_AREAS_MAX];
+    cr_contact_set set;
+    cr_way_work way;
 #ifdef CR_RIVALS
     cr_proxy proxy;
+    uint16_t *hit_of_cluster;
+    cr_area_set areas;
 #endif
-    cr_contact_set set;
-    union { /* by response */
-        cr_area_set areas;
-#if CR_WAY_OUT
-        cr_way_work way;
-#endif
-    };
 };
 
 cr_config cr_config_default(void) {
-    cr_config c = {1000.0f, 0.0f, 100.0f, CR_RESPONSE_ZONES, CR_COVERAGE_SOFT, CR_SKIP_ALL, 0u, CR_LOOKUPS_MAX};
+    cr_config c = {1000.0f, 0.0f, 100.0f, CR_RESPONSE_WAY_OUT, CR_COVERAGE_SOFT, CR_SKIP_ALL, 0u, CR_LOOKUPS_MAX};
     return c;
 }
 
@@ -56,9 +52,9 @@ static int in_range(float v, float low, float high) { return v >= low && v <= hi
 static int config_is_valid(const cr_config *c) {
     return in_range(c->stiffness_N_m, 0.0f, 1e6f) && in_range(c->damping_Ns_m, 0.0f, 1e4f) &&
            in_range(c->force_max_N, 1e-6f, 1e6f) && c->response < CR_RESPONSE_COUNT &&
-           (CR_WAY_OUT || c->response != CR_RESPONSE_WAY_OUT) && c->coverage <= CR_COVERAGE_HARD &&
-           (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u && c->lookups_max >= LOOKUPS_LEAST &&
-           c->lookups_max <= LOOKUPS_MOST;
+           c->coverage <= CR_COVERAGE_HARD && (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u &&
+           (c->response != CR_RESPONSE_WAY_OUT || (c->coverage == CR_COVERAGE_SOFT && c->vertices_only == 0u)) &&
+           c->lookups_max >= LOOKUPS_LEAST && c->lookups_max <= LOOKUPS_MOST;
 }
 
 static size_t round_up(size_t n) { return (n + CR_IMG_ALIGN - 1u) / CR_IMG_ALIGN * CR_IMG_ALIGN; }
@@ -67,8 +63,11 @@ size_t cr_world_size(const cr_scene *scene, const cr_config *config) {
     if (scene == NULL || config == NULL || scene->meta == NULL || !config_is_valid(config)) {
         return 0u;
     }
-    return round_up(sizeof(cr_world)) + round_up((size_t)scene->group_count * CR_LANES * sizeof(float)) +
-           round_up((size_t)scene->cluster_count * sizeof(uint16_t));
+    size_t size = round_up(sizeof(cr_world)) + round_up((size_t)scene->group_count * CR_LANES * sizeof(float));
+#ifdef CR_RIVALS
+    size += round_up((size_t)scene->cluster_count * sizeof(uint16_t));
+#endif
+    return size;
 }
 
 cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr_scene *scene,
@@ -92,11 +91,13 @@ cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr
     at += round_up(sizeof *w);
     w->motion.wake_m = (float *)(void *)at;
     w->motion.wake_count = scene->group_count * CR_LANES;
+#ifdef CR_RIVALS
     at += round_up((size_t)w->motion.wake_count * sizeof(float));
     w->hit_of_cluster = (uint16_t *)(void *)at;
     for (uint32_t i = 0; i < scene->cluster_count; i++) {
         w->hit_of_cluster[i] = CR_HIT_NONE;
     }
+#endif
     w->scene = *scene;
     w->config = *config;
     cr_field_init(&w->field, &w->scene);
@@ -243,13 +244,12 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
 
 /* The response of the settings: areas, without force yet. */
 static uint32_t respond(cr_world *w, const cr_respond_input *in, cr_output *out) {
-#if CR_WAY_OUT
-    if (w->config.response == CR_RESPONSE_WAY_OUT) {
-        return cr_way_answer(in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
+#ifdef CR_RIVALS
+    if (w->config.response != CR_RESPONSE_WAY_OUT) {
+        return cr_respond_as_rival(in, w->hit_of_cluster, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
     }
 #endif
-    cr_zones(&w->scene, w->hit_of_cluster, &w->set, &w->areas, &out->stats);
-    return cr_respond(in, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
+    return cr_way_answer(in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
 }
 
 /* Areas of the contact that was found, at the pose it was searched at; kept for ticks that come before the next answer. */
@@ -310,8 +310,14 @@ static int search_on(cr_world *w, const xform *at, cr_stats *stats) {
         w->found = 0u;
         return 1;
     }
-    const cr_detect_options options = {w->config.skip, w->config.coverage, w->config.lookups_max,
-                                       w->config.response == CR_RESPONSE_WAY_OUT};
+    const cr_detect_options options = {
+        .skip = w->config.skip,
+        .coverage = w->config.coverage,
+        .lookups_max = w->config.lookups_max,
+#ifdef CR_RIVALS
+        .touches = w->config.response != CR_RESPONSE_WAY_OUT,
+#endif
+    };
     const int ended = cr_detect(&w->field, at, &options, &w->motion, &w->search, &w->set, stats);
     w->found = ended && w->search.calls > 1u;
     return ended && !w->found;

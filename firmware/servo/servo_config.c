@@ -152,9 +152,12 @@ static const char *world_error(const cr_config *w) {
     if (!in(w->stiffness_N_m, 0.0f, 1e6f) || !in(w->damping_Ns_m, 0.0f, 1e4f) || !in(w->force_max_N, 1e-6f, 1e6f)) {
         return "stiffness_N_m: 0..1e6; damping_Ns_m: 0..1e4; force_max_N of the world: above 0, up to 1e6";
     }
-    if (w->response >= CR_RESPONSE_COUNT || (!CR_WAY_OUT && w->response == CR_RESPONSE_WAY_OUT) ||
-        w->coverage > CR_COVERAGE_HARD || (w->skip & ~(uint32_t)CR_SKIP_ALL) != 0u || w->vertices_only > 1u) {
+    if (w->response >= CR_RESPONSE_COUNT || w->coverage > CR_COVERAGE_HARD ||
+        (w->skip & ~(uint32_t)CR_SKIP_ALL) != 0u || w->vertices_only > 1u) {
         return "response, coverage, skip, vertices_only: a value that this version knows";
+    }
+    if (w->response == CR_RESPONSE_WAY_OUT && (w->coverage != CR_COVERAGE_SOFT || w->vertices_only != 0u)) {
+        return "coverage, vertices_only: other than 0 is for the responses that way_out is compared with";
     }
     if (w->lookups_max < 32u || w->lookups_max > 1048576u) {
         return "lookups_max: 32..1048576";

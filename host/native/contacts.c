@@ -50,11 +50,10 @@ void crv_watch_free(crv_watch *watch) {
     }
 }
 
-/* Heaviest zone of a hit of the way out, or CR_WAY_NONE: the other responses give each hit its area, and have touches in that place. */
+/* Heaviest zone of a hit, or CR_WAY_NONE: responses of rivals/ know none. */
 static uint32_t zone_of(const cr_contact_set *set, uint32_t hit) {
-    const uint32_t count = set->hits[hit].area == CR_HIT_NONE ? set->way.count : 0u;
     uint32_t best = CR_WAY_NONE;
-    for (uint32_t z = 0; z < count; z++) {
+    for (uint32_t z = 0; z < set->way.count; z++) {
         const int its = (int)(set->way.reach[hit].zones >> z & 1u);
         if (its && (best == CR_WAY_NONE || set->way.zones[z].weight_m3 > set->way.zones[best].weight_m3)) {
             best = z;

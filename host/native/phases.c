@@ -1,6 +1,6 @@
 #include "phases.h"
 
-#include "contact/stages.h"
+#include "contact/way_out.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -17,11 +17,10 @@ typedef struct {
     cr_field field;
     cr_motion motion;
     cr_search search;
-    cr_contact_set set, unmeasured;
-    cr_area_set areas;
+    cr_contact_set set;
+    cr_way_work work;
     cr_area answers[CR_AREAS_MAX];
     cr_stats stats;
-    uint16_t *hit_of_cluster;
 } bench;
 
 static cr_pose pose_of(const cr_path_row *row) {
@@ -39,7 +38,8 @@ static uint32_t since(uint64_t start_ns) { return (uint32_t)(now_ns() - start_ns
 
 static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, const cr_pose *pose,
                       cr_phases_row *row) {
-    const cr_detect_options options = {config->skip, config->coverage, config->lookups_max, 0u};
+    const cr_detect_options options = {
+        .skip = config->skip, .coverage = config->coverage, .lookups_max = config->lookups_max};
     const xform now = xform_from_pose(pose);
     cr_respond_input in = {.field = &b->field, .world_from_tool = &now, .set = &b->set, .config = config};
     memset(&b->stats, 0, sizeof b->stats);
@@ -56,20 +56,15 @@ static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, 
         return;
     }
     start = now_ns();
-    cr_zones(scene, b->hit_of_cluster, &b->set, &b->areas, &b->stats);
-    row->zones_ns = since(start);
-    /* Without hits the response finds nothing to measure depth with; zones keep their touches. */
-    b->unmeasured = b->set;
-    b->unmeasured.hit_count = 0u;
-    in.set = &b->unmeasured;
+    cr_way_relate(scene, &b->set.way, &b->work.relations, b->work.half);
+    row->relate_ns = since(start);
     start = now_ns();
-    cr_respond(&in, &b->areas, b->answers, CR_AREAS_MAX, &b->stats);
-    row->normal_ns = since(start);
-    in.set = &b->set;
+    cr_way_measure(&in, &b->work);
+    row->depth_ns = since(start);
     start = now_ns();
-    row->areas = cr_respond(&in, &b->areas, b->answers, CR_AREAS_MAX, &b->stats);
-    uint32_t both_ns = since(start);
-    row->penetration_ns = both_ns > row->normal_ns ? both_ns - row->normal_ns : 0u;
+    row->areas = cr_way_answer(&in, &b->work, b->answers, CR_AREAS_MAX, &b->stats);
+    const uint32_t all_ns = since(start), known_ns = row->relate_ns + row->depth_ns;
+    row->resolve_ns = all_ns > known_ns ? all_ns - known_ns : 0u;
 }
 
 static uint32_t least(uint32_t a, uint32_t b) { return a < b ? a : b; }
@@ -84,9 +79,9 @@ static void run(bench *b, const cr_scene *scene, const cr_config *config, const 
             time_pose(b, scene, config, &pose, &row);
             if (pass > 0u) {
                 row.detect_ns = least(row.detect_ns, rows[i].detect_ns);
-                row.zones_ns = least(row.zones_ns, rows[i].zones_ns);
-                row.normal_ns = least(row.normal_ns, rows[i].normal_ns);
-                row.penetration_ns = least(row.penetration_ns, rows[i].penetration_ns);
+                row.relate_ns = least(row.relate_ns, rows[i].relate_ns);
+                row.depth_ns = least(row.depth_ns, rows[i].depth_ns);
+                row.resolve_ns = least(row.resolve_ns, rows[i].resolve_ns);
             }
             rows[i] = row;
         }
@@ -98,25 +93,19 @@ cr_err cr_phases_run(const cr_scene *scene, const cr_config *config, const cr_pa
     if (scene == NULL || config == NULL || path == NULL || rows == NULL) {
         return CR_ERR_NULL;
     }
-    /* Two responses have a path through respond.c that can be cut in two; the others do not. */
-    if (cr_world_size(scene, config) == 0u || config->response > CR_RESPONSE_FIXED45) {
+    /* The stages are those of the product's own response. */
+    if (cr_world_size(scene, config) == 0u || config->response != CR_RESPONSE_WAY_OUT) {
         return CR_ERR_CONFIG;
     }
     bench *b = calloc(1, sizeof *b);
     float *wake = calloc((size_t)scene->group_count * CR_LANES, sizeof *wake);
-    uint16_t *hit_of_cluster = malloc(((size_t)scene->cluster_count + 1u) * sizeof *hit_of_cluster);
-    cr_err err = b != NULL && wake != NULL && hit_of_cluster != NULL ? CR_OK : CR_ERR_NULL;
+    cr_err err = b != NULL && wake != NULL ? CR_OK : CR_ERR_NULL;
     if (err == CR_OK) {
         cr_field_init(&b->field, scene);
         b->motion.wake_m = wake;
         b->motion.wake_count = scene->group_count * CR_LANES;
-        b->hit_of_cluster = hit_of_cluster;
-        for (uint32_t i = 0; i < scene->cluster_count; i++) {
-            hit_of_cluster[i] = CR_HIT_NONE;
-        }
         run(b, scene, config, path, count, repeat, rows);
     }
-    free(hit_of_cluster);
     free(wake);
     free(b);
     return err;

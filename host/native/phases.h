@@ -6,15 +6,16 @@
 #include "replay.h"
 
 typedef struct {
-    uint32_t detect_ns, zones_ns;
-    uint32_t normal_ns;      /* weights, area normal, contact plane: the response with no samples to measure depth */
-    uint32_t penetration_ns; /* the whole response less that */
+    uint32_t detect_ns;  /* search, and what each piece of the tool is inside of */
+    uint32_t relate_ns;  /* half-spaces and their normals */
+    uint32_t depth_ns;   /* of each half-space */
+    uint32_t resolve_ns; /* how much each pushes, and the report */
     uint32_t points, nodes, contacts, areas;
 } cr_phases_row;
 
 /* Purpose  time the stages along a path, least of `repeat` runs of each pose.
  * Shapes   path[count], rows[count].   Output  rows; counts are those of cr_tick for the same path and config.
- * Errors   cr_err; NULL also when memory ran out.   Cost  repeat times the path, and five clock reads a pose. */
+ * Errors   cr_err; NULL also when memory ran out.   Cost  repeat times the path, and four clock reads a pose. */
 cr_err cr_phases_run(const cr_scene *scene, const cr_config *config, const cr_path_row *path, size_t count,
                      uint32_t repeat, cr_phases_row *rows);
 

@@ -13,6 +13,7 @@ import csv
 import json
 from dataclasses import asdict, astuple, fields, replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -22,7 +23,7 @@ from crease.lab.setup import machine
 from crease.replay.measures import DEEP_M, Accuracy, angle_deg, direction_steps_deg
 from crease.replay.replay import ReplayOptions, World, run_path
 from crease.replay.trajectory import Trajectory, load_trajectory
-from study.against_exact import exact_force_N, measure, read_exact
+from study.against_exact import exact_force_N, exact_of, measure
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -33,8 +34,9 @@ SCENES = ROOT / "build" / "scenes"
 EXACT = ROOT / "tests" / "golden" / "exact"
 
 METHODS = {
-    "soft": ReplayOptions(),
-    "hard": ReplayOptions(coverage="hard"),
+    "way_out": ReplayOptions(),
+    "extent": ReplayOptions(response="extent"),
+    "published": ReplayOptions(response="extent", coverage="hard"),
     "fixed45": ReplayOptions(response="fixed45"),
 }
 COLUMNS = (
@@ -55,23 +57,22 @@ COLUMNS = (
 def accuracy_table(
     specs: dict[str, SceneSpec], lookups_max: int | None
 ) -> dict[str, dict[str, Accuracy]]:
-    """Print and return scene x method."""
+    """Print and return scene x method, each against the exact table of what it stands for."""
     head = " ".join(f"{title:>7s}" for _, title, _, _ in COLUMNS)
     units = " ".join(f"{unit:>7s}" for _, _, unit, _ in COLUMNS)
-    print(f"{'scene':16s} {'method':8s} {head}\n{'':16s} {'':8s} {units}")
+    print(f"{'scene':16s} {'method':9s} {head}\n{'':16s} {'':9s} {units}")
     results: dict[str, dict[str, Accuracy]] = {}
     for name, spec in specs.items():
-        if spec.exact is None or not (EXACT / spec.exact).exists():
+        if spec.exact is None:
             continue
         scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
-        exact = read_exact(EXACT / spec.exact)
         results[name] = {}
         for method, chosen in METHODS.items():
             options = replace(chosen, stiffness_N_m=spec.stiffness_N_m, lookups_max=lookups_max)
-            found = measure(scene, path, exact, options)
+            found = measure(scene, path, exact_of(EXACT, spec.exact, options), options)
             results[name][method] = found
             values = " ".join(f"{getattr(found, key):{form}}" for key, _, _, form in COLUMNS)
-            print(f"{name:16s} {method:8s} {values}", flush=True)
+            print(f"{name:16s} {method:9s} {values}", flush=True)
     return results
 
 
@@ -150,24 +151,32 @@ def cost_table(specs: dict[str, SceneSpec], repeat: int) -> dict[str, dict[str, 
 
 def draw_scene(name: str, spec: SceneSpec, folder: Path) -> Path:
     """Force and direction of every method beside the exact curve, as a picture."""
-    assert spec.exact is not None
     scene, path = open_scene(SCENES / f"{name}.crs"), load_trajectory(spec.path)
-    exact = read_exact(EXACT / spec.exact)
-    exact_N = exact_force_N(exact, spec.stiffness_N_m)
+    exact_N = {
+        method: exact_force_N(exact, spec.stiffness_N_m)
+        for method, options in METHODS.items()
+        if (exact := exact_of(EXACT, spec.exact, options)) is not None
+    }
     figure, axes = plt.subplots(3, 1, figsize=(9, 9), sharex=True, layout="constrained")
     for method, options in METHODS.items():
         force_N = run_path(scene, path, options)["force_N"].astype(np.float64)
-        style = {"lw": 1.8 if method == "soft" else 0.9, "zorder": 3 if method == "soft" else 2}
+        mine = method == next(iter(METHODS))
+        style = {"lw": 1.8 if mine else 0.9, "zorder": 3 if mine else 2}
         axes[0].plot(path.t_s, np.linalg.norm(force_N, axis=1), label=method, **style)
-        counts = np.linalg.norm(exact_N, axis=1) > DEEP_M * spec.stiffness_N_m
-        axes[1].plot(
-            path.t_s, np.where(counts, angle_deg(force_N, exact_N), np.nan), label=method, **style
-        )
+        true_N = exact_N.get(method, force_N)
+        counts = np.linalg.norm(true_N, axis=1) > DEEP_M * spec.stiffness_N_m
+        turn = np.where(counts, angle_deg(force_N, true_N), np.nan)
+        if method in exact_N:
+            axes[1].plot(path.t_s, turn, label=method, **style)
         axes[2].plot(path.t_s[1:], direction_steps_deg(force_N, counts), label=method, **style)
-    axes[0].plot(path.t_s, np.linalg.norm(exact_N, axis=1), "k--", lw=1.0, label="exact", zorder=4)
-    axes[2].plot(
-        path.t_s[1:], direction_steps_deg(exact_N, counts), "k--", lw=1.0, label="exact", zorder=4
-    )
+    for method, line in (("way_out", "k--"), ("extent", "k:")):
+        if method not in exact_N:
+            continue
+        true_N = exact_N[method]
+        counts = np.linalg.norm(true_N, axis=1) > DEEP_M * spec.stiffness_N_m
+        look: dict[str, Any] = {"lw": 1.0, "label": f"exact {method}", "zorder": 4}
+        axes[0].plot(path.t_s, np.linalg.norm(true_N, axis=1), line, **look)
+        axes[2].plot(path.t_s[1:], direction_steps_deg(true_N, counts), line, **look)
     axes[0].set_ylabel("|F|, N")
     axes[1].set_ylabel("angle to exact, deg")
     axes[2].set_ylabel("direction step, deg per tick")

@@ -184,7 +184,7 @@ def causes(
     }
     rows = []
     for label, setup in list(table.items())[:count]:
-        row, _ = drag_case(name, factor, NORMAL_GRIP, "zones", setup)
+        row, _ = drag_case(name, factor, NORMAL_GRIP, "way_out", setup)
         rows.append((label, row.buzz, row.buzz_free))
     return rows
 
@@ -252,12 +252,12 @@ def work(job: Job) -> Stable:
 
 
 def stable_jobs(extent: Extent) -> list[Job]:
-    """Every place, zones, with and without the passivity controller; fixed45 at the creases."""
+    """Every place, the way out, with and without the passivity controller; fixed45 at the creases."""
     jobs = []
     chosen = [c for c in cases() if not extent.places or c.place.name in extent.places]
     for hand, delay_s in extent.loops:
         both = extent.controller_without_delay or delay_s is None
-        kinds = [("zones", passive, c) for c in chosen for passive in (False, True)[: 1 + both]]
+        kinds = [("way_out", passive, c) for c in chosen for passive in (False, True)[: 1 + both]]
         kinds += [("fixed45", False, c) for c in chosen if c.place.name in CREASES]
         jobs += [
             Job(case, linear_setup(hand, delay_s, passive, response), passive)
@@ -274,9 +274,9 @@ def stable_table(extent: Extent, processes: int) -> list[Stable]:
 
 
 def share_of_flat(row: Stable, table: list[Stable]) -> float:
-    """A place against the flat wall in the same direction, all else equal, zones."""
+    """A place against the flat wall in the same direction, all else equal, the way out."""
     for flat in table:
         same = (flat.hand, flat.delay_ms, flat.passive) == (row.hand, row.delay_ms, row.passive)
-        if same and flat.place == row.flat and flat.response == "zones":
+        if same and flat.place == row.flat and flat.response == "way_out":
             return row.measured / flat.measured if flat.measured > 0.0 else 0.0
     raise LookupError(f"no flat wall for {row}")

@@ -25,7 +25,7 @@ from study.properties.geometry import Overlap, Pair
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = {"ball": "ball15", "box": "cube20", "stylus": "stylus"}
-RESPONSES = ("zones", "way_out")
+RESPONSES = ("way_out", "extent")
 POSES = 60
 """Poses in contact that booleans are made at."""
 FINER = 3.0
@@ -77,7 +77,7 @@ def _columns(name: str, static: Mesh, tool: Mesh, scene: Scene) -> dict[str, str
         out[f"{key}_clear_outside"] = f"{clear_outside(pair, made, looks, jams, answers):.2f}"
         largest, p99 = amplification(made, answers)
         out |= {f"{key}_amplification": f"{largest:.2f}", f"{key}_amplification_p99": f"{p99:.2f}"}
-        if name == "ball" and response == "zones":
+        if name == "ball" and response == RESPONSES[0]:
             out |= force_error(answers, answers_of(finer(static, tool, scene), made, response))
     return out
 

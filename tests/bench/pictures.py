@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -26,24 +27,27 @@ from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory, load_trajectory
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from study.against_exact import Exact, box_corners, exact_force_N, read_exact
-from study.points import OURS, read_points
+from study.against_exact import Exact, box_corners, exact_force_N, exact_of
+from study.points import read_points
+from study.properties.scenes import bake_digest, image_of, load_meshes, load_scenes
 
 F64 = npt.NDArray[np.float64]
 FOLDER = ROOT / "firmware" / "contact"
 BLUE, RED, GREEN, BLACK = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[7]
 STIFFNESS_N_M = 1000.0
 DEFAULT = ReplayOptions(stiffness_N_m=STIFFNESS_N_M)
+EXTENT = replace(DEFAULT, response="extent")
 
 
-def scene_of(name: str) -> tuple[Scene, Trajectory, Exact]:
+def scene_of(name: str, options: ReplayOptions = DEFAULT) -> tuple[Scene, Trajectory, Exact]:
     """A test scene, its path, and the exact answer."""
     spec = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)[name]
-    assert spec.exact is not None
+    exact = exact_of(EXACT, spec.exact, options)
+    assert exact is not None
     return (
         open_scene(SCENES / f"{name}.crs"),
         load_trajectory(spec.path),
-        read_exact(EXACT / spec.exact),
+        exact,
     )
 
 
@@ -142,14 +146,14 @@ def _interpolated(scene: Scene, phi_at: Callable[[F64, F64], F64], x: F64, z: F6
 
 
 def draw_coverage() -> Figure:
-    """Counting samples against weighing pieces, along the path; and what finer samples buy."""
-    scene, path, exact = scene_of("edge90_cube")
+    """Counting samples against weighing pieces, along the path, by their extent; and what finer samples buy."""
+    scene, path, exact = scene_of("edge90_cube", EXTENT)
     figure = new_figure(7.0, 3.0)
     left, right = figure.subplots(1, 2)
     window = slice(880, 1180)
     answers = {
-        "in or out": (forces_N(scene, path, replace(DEFAULT, coverage="hard")), RED, 1.0),
-        "pieces": (forces_N(scene, path, DEFAULT), BLUE, 2.2),
+        "in or out": (forces_N(scene, path, replace(EXTENT, coverage="hard")), RED, 1.0),
+        "pieces": (forces_N(scene, path, EXTENT), BLUE, 2.2),
         "exact": (exact_force_N(exact, STIFFNESS_N_M), BLACK, 0.8),
     }
     for name, (force_N, colour, width) in answers.items():
@@ -166,10 +170,12 @@ def draw_coverage() -> Figure:
 def _draw_convergence(axes: Axes) -> None:
     points = [p for p in read_points(ROOT / "tests/bench/pareto.csv") if p.scene == "edge90_cube"]
     ours = sorted(
-        (p.spacing_mm, p.force_rms_mm) for p in points if p.group in (OURS, "sample spacing")
+        (p.spacing_mm, p.force_rms_mm)
+        for p in points
+        if p.label == "extent" or (p.group == "sample spacing" and "extent" in p.label)
     )
     axes.loglog(*zip(*ours, strict=True), "o-", color=BLUE, label="pieces")
-    hard = [(p.spacing_mm, p.force_rms_mm) for p in points if p.group == "hard coverage"]
+    hard = [(p.spacing_mm, p.force_rms_mm) for p in points if p.label == "published"]
     axes.loglog(*zip(*hard, strict=True), "s", color=RED, label="in or out")
     axes.set_xticks([s for s, _ in ours], [f"{s:g}" for s, _ in ours])
     axes.xaxis.minorticks_off()
@@ -209,11 +215,89 @@ def draw_work() -> Figure:
     return figure
 
 
+def _property_scene(name: str) -> tuple[Scene, Trajectory]:
+    """A scene of the properties, baked when no image of it is there, and its path."""
+    spec = load_scenes(ROOT / "meshes" / "property_scenes.toml")[name]
+    image = image_of(spec, load_meshes(spec, MESHES), SCENES / "by_content", bake_digest())
+    return image, load_trajectory(MESHES / spec.path)
+
+
+def _draw_corner(axes: Axes) -> None:
+    """The ball round a right-angled edge in section, with the force along its path."""
+    scene, path, _ = scene_of("edge90_sphere")
+    high = scene.meta.static_max_m
+    x, z = (1e3 * (path.position_m[:, k] - high[k]) for k in (0, 2))
+    force_N = forces_N(scene, path, DEFAULT)
+    shown = np.flatnonzero(np.linalg.norm(force_N, axis=1) > 5.0)[::45]
+    axes.fill([-90, 0, 0, -90], [0, 0, -90, -90], color="#e6ecf2")
+    axes.plot([-90, 0, 0], [0, 0, -90], color="#33506b", lw=1.8)
+    axes.plot(x, z, color="#8a8a8a", lw=0.9, ls=(0, (4, 2)))
+    arrows: dict[str, Any] = {
+        "angles": "xy",
+        "scale_units": "xy",
+        "scale": 0.35,
+        "width": 0.008,
+        "color": BLUE,
+    }
+    axes.quiver(x[shown], z[shown], force_N[shown, 0], force_N[shown, 2], **arrows)
+    axes.set_aspect("equal")
+    axes.set_xlim(-75, 80)
+    axes.set_ylim(-75, 80)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_title("ball round an edge: turns steadily")
+
+
+def _draw_table(axes: Axes) -> None:
+    """A flat block over a table's edge, 1 and 10 mm deep: force over stiffness and depth."""
+    for name, depth_mm, style in (("over_edge_1", 1.0, "-"), ("over_edge_10", 10.0, "--")):
+        scene, path = _property_scene(name)
+        on = np.clip(0.5 - 1e3 * path.position_m[:, 0] / 60.0, 0.0, 1.0)
+        for title, options, colour in (("extent", EXTENT, RED), ("way out", DEFAULT, BLUE)):
+            share = np.linalg.norm(forces_N(scene, path, options), axis=1) / depth_mm
+            flat = path.position_m[:, 2] < path.position_m[:, 2].min() + 1e-6
+            label = f"{title}, {depth_mm:g} mm deep"
+            axes.plot(100 * on[flat], share[flat], color=colour, ls=style, label=label)
+    axes.set_xlim(100, 0)
+    axes.set_ylim(0, 2.9)
+    axes.set_xlabel("share of the block on the table, %")
+    axes.set_ylabel("force / (stiffness x depth)")
+    axes.set_title("flat block over a table's edge")
+    axes.legend(loc="upper left", fontsize=7)
+
+
+def _draw_pads(axes: Axes) -> None:
+    """A tool with four pads pressed on a floor, beside one with a single pad: force over stiffness."""
+    answers = {
+        "extent, four pads": ("pads4", EXTENT, RED, 1.2),
+        "way out, four pads": ("pads4", DEFAULT, BLUE, 2.2),
+        "one pad": ("pads1", DEFAULT, BLACK, 0.8),
+    }
+    for label, (name, options, colour, width) in answers.items():
+        scene, path = _property_scene(name)
+        way_mm = np.linalg.norm(forces_N(scene, path, options), axis=1)
+        axes.plot(1e3 * path.t_s, way_mm, color=colour, lw=width, label=label)
+    axes.set_xlabel("tick")
+    axes.set_ylabel("force / stiffness, mm")
+    axes.set_title("four pads pressed on a floor")
+    axes.legend(loc="center", fontsize=7)
+
+
+def draw_edge_and_pads() -> Figure:
+    """What the force does round a corner, over a table's edge, and on four pads."""
+    figure = new_figure(10.0, 3.2)
+    panels = figure.subplots(1, 3)
+    for axes, draw in zip(panels, (_draw_corner, _draw_table, _draw_pads), strict=True):
+        draw(axes)
+    return figure
+
+
 PICTURES: Mapping[str, Callable[[], Figure]] = {
     "problem.png": draw_problem,
     "distance.png": draw_distance,
     "coverage.png": draw_coverage,
     "work.png": draw_work,
+    "edge_and_pads.png": draw_edge_and_pads,
 }
 
 

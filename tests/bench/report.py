@@ -27,7 +27,7 @@ PEERS_FILES = ("pareto.csv", "precision.csv", "pareto.png", "pareto_more.png", "
 PROPERTIES_FILES = (
     "properties.csv",
     "properties.png",
-    "properties_zones.png",
+    "properties_way_out.png",
     "properties_paths.png",
 )
 
@@ -99,16 +99,16 @@ def _verdict(points: list[Point]) -> str:
 
 
 def _precision(folder: Path) -> str:
-    heads = ("path", "coverage", "ticks in contact", "decide otherwise", "differ by over 0.1 um",
+    heads = ("path", "response", "ticks in contact", "decide otherwise", "differ by over 0.1 um",
              "force RMS / p99 / max, um", "direction p99 / max, deg", "error float32 / double, mm",
              "tick float32 / double, us")  # fmt: skip
     with (folder / "precision.csv").open(encoding="utf-8", newline="") as file:
         rows = [
             (
-                row["path"], row["coverage"], f"{int(row['ticks']):,}", row["flips"], row["choices"],
+                row["path"], row["response"], f"{int(row['ticks']):,}", row["flips"], row["choices"],
                 " / ".join(_number(float(row[f"force_{k}_um"])) for k in ("rms", "p99", "max")),
                 " / ".join(_number(float(row[f"direction_{k}_deg"])) for k in ("p99", "max")),
-                f"{float(row['error_single_mm']):.4g} / {float(row['error_double_mm']):.4g}",
+                _pair(row["error_single_mm"], row["error_double_mm"]),
                 f"{_number(float(row['single_us']))} / {_number(float(row['double_us']))}",
             )
             for row in csv.DictReader(file)
@@ -116,16 +116,21 @@ def _precision(folder: Path) -> str:
     return _table(heads, rows)
 
 
+def _pair(one: str, other: str) -> str:
+    """Two errors; nothing where no exact table is known."""
+    return "" if math.isnan(float(one)) else f"{float(one):.4g} / {float(other):.4g}"
+
+
 def _properties(folder: Path) -> dict[str, str]:
-    """Tables of the judge: every response, the zone method now, and as it was before its force was defined anew."""
+    """Tables of the judge: every response, the way out, and what was the library's response before it."""
     now, before = (
         read_csv((folder / name).read_text(encoding="utf-8"))
         for name in ("properties.csv", "properties_before.csv")
     )
     return {
         "properties": markdown(summary_table(now)),
-        "properties_zones": markdown(scene_table(now, "zones")),
-        "properties_before": markdown(scene_table(before, "zones")),
+        "properties_way_out": markdown(scene_table(now, "way_out")),
+        "properties_before": markdown(scene_table(before, "extent")),
     }
 
 

@@ -1,6 +1,6 @@
 /* Replays a path with whatever capacities it was built with; fails unless every answer is finite and within limits.
  *
- *     capacities SCENE.crs PATH.bin COVERAGE SKIP
+ *     capacities SCENE.crs PATH.bin RESPONSE COVERAGE SKIP
  *
  * PATH.bin holds rows of eight doubles, as cr_path_row. Prints `ticks touching overflowing largest-force-N`. */
 #include "blob.h"
@@ -23,15 +23,16 @@ static int is_sound(const cr_replay_row *r) {
 }
 
 int main(int argc, char **argv) {
-    if (argc != 5) {
-        fprintf(stderr, "usage: %s SCENE.crs PATH.bin COVERAGE SKIP\n", argv[0]);
+    if (argc != 6) {
+        fprintf(stderr, "usage: %s SCENE.crs PATH.bin RESPONSE COVERAGE SKIP\n", argv[0]);
         return 2;
     }
     const blob image = blob_read(argv[1]), path = blob_read(argv[2]);
     const size_t count = path.size / sizeof(cr_path_row);
     cr_config config = cr_config_default();
-    config.coverage = (uint32_t)strtoul(argv[3], NULL, 10);
-    config.skip = (uint32_t)strtoul(argv[4], NULL, 10);
+    config.response = (uint32_t)strtoul(argv[3], NULL, 10);
+    config.coverage = (uint32_t)strtoul(argv[4], NULL, 10);
+    config.skip = (uint32_t)strtoul(argv[5], NULL, 10);
     config.damping_Ns_m = 2.0f;
     config.force_max_N = FORCE_MAX_N;
     cr_scene scene;

@@ -41,7 +41,7 @@ def closed_loop(scene: Scene, path: Trajectory) -> Recording:
     config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
     config.world.stiffness_N_m = 2000.0
     config.world.damping_Ns_m = 3.0
-    config.control.force_max_N = 3.0
+    config.control.force_max_N = 2.0
     config.control.force_rate_max_N_s = 150.0
     config.control.power_max_W = 0.03
     lost = [Fault("drop", tick, 2, 1, id=0x192) for tick in (1280, 2600)]

@@ -61,7 +61,7 @@ def crease_command() -> Run:
     return run
 
 
-@pytest.mark.parametrize("response", ["zones", "fixed45", "overlap"])
+@pytest.mark.parametrize("response", ["way_out", "extent", "fixed45", "overlap"])
 def test_ticks_and_replay_give_the_bits_of_the_command(
     response: str, scene: crease.Scene, scene_crs: Path, press_csv: Path
 ) -> None:
@@ -151,6 +151,7 @@ WRONG: dict[str, tuple[Callable[[Any, Path], object], str]] = {
     "quaternion": (lambda w, _: w.replay([FREE, [0, 0, 1, 2, 0, 0, 0]]), "poses: row 1: the quaternion has length 2"),
     "response": (lambda w, _: crease.World(w.scene, response="magic"), "response 'magic' is not known; use one of"),
     "coverage": (lambda w, _: crease.World(w.scene, coverage="x"), "coverage 'x' is not known"),
+    "hard": (lambda w, _: crease.World(w.scene, coverage="hard"), "coverage hard: way_out weighs"),
     "stiffness": (lambda w, _: crease.World(w.scene, stiffness=-1.0), "stiffness is -1.0; .* from 0 to 1e.06 N/m"),
     "no number": (lambda w, _: crease.World(w.scene, stiffness=float("nan")), "stiffness is nan; give a number from 0"),
     "too stiff": (lambda w, _: crease.World(w.scene, stiffness=1e9), "stiffness is 1000000000.0; give a number from 0"),
@@ -285,7 +286,7 @@ from typing import assert_type
 
 scene = crease.bake(crease.load_mesh("a.stl", "mm"), crease.load_mesh("b.stl", 1e-3), spacing_m=1e-3)
 assert_type(scene, crease.Scene)
-world = crease.World(scene, stiffness=1000.0, response="zones")
+world = crease.World(scene, stiffness=1000.0, response="way_out")
 out = world.tick([0.0, 0.0, 0.008, 1.0, 0.0, 0.0, 0.0])
 assert_type(out, crease.Output)
 assert_type(out.force_N, npt.NDArray[np.float32])

@@ -34,8 +34,8 @@ IMAGE = ROOT / "build/scenes/edge90_cube.crs"
 EXACT = read_exact(ROOT / "tests/golden/exact/edge90_cube.csv.gz")
 OURS = Point(
     "edge",
-    "zones, default",
-    "zones",
+    "way out, default",
+    "way out",
     2.0,
     2.0,
     12,
@@ -180,7 +180,7 @@ def test_the_firmware_in_double_answers_alike(tmp_path: Path) -> None:
     um = force_um(single, double)
     assert 0.0 < um.max() < 0.1
     cost = compare(
-        "edge90_cube", "soft", single, double, {k: v[800:1400] for k, v in EXACT.items()}
+        "edge90_cube", "way_out", single, double, {k: v[800:1400] for k, v in EXACT.items()}
     )
     assert cost.flips == 0
     assert cost.error_double_mm == pytest.approx(cost.error_single_mm, abs=1e-4)
@@ -193,7 +193,7 @@ def test_a_tick_that_decides_otherwise_is_counted() -> None:
     other = rows.astype(ROW_IN_DOUBLE)
     other["areas"][900] += 1
     other["force_N"][1000] += [1e-3, 0.0, 0.0]
-    cost = compare("edge90_cube", "soft", rows, other, EXACT)
+    cost = compare("edge90_cube", "way_out", rows, other, EXACT)
     assert (cost.flips, cost.choices, cost.at_tick) == (1, 1, 1000)
     assert cost.force_max_um == pytest.approx(1.0, rel=1e-3)
 
@@ -246,7 +246,9 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
     )
     assert said.status == 0, said.err
     points = read_points(tmp_path / "pareto.csv")
-    assert {"peer", "zones", "fixed45", "exact boolean"} <= {p.label for p in points}
+    assert {"peer", "way out", "extent", "published", "fixed45", "exact boolean"} <= {
+        p.label for p in points
+    }
     assert (tmp_path / "pareto.png").read_bytes().startswith(b"\x89PNG")
 
 

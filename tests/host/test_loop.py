@@ -162,7 +162,7 @@ def pad() -> Scene:
 def test_flat_wall_settles_below_the_bound_and_not_above(pad: Scene, delay_s: float | None) -> None:
     case = cases()[0]
     setup = replace(
-        linear_setup(LIGHT_GRIP, delay_s, False, "zones"), base_from_world=case.base_from_world
+        linear_setup(LIGHT_GRIP, delay_s, False, "way_out"), base_from_world=case.base_from_world
     )
     bound = bound_N_m(setup, case.direction)
     for share, expected in ((0.8, True), (1.3, False)):
@@ -175,7 +175,7 @@ def test_flat_wall_settles_below_the_bound_and_not_above(pad: Scene, delay_s: fl
 @pytest.mark.parametrize("place", ["edge", "corner"])
 def test_crease_allows_what_a_flat_wall_does(pad: Scene, place: str) -> None:
     case = next(c for c in cases() if c.place.name == place)
-    setup = linear_setup(LIGHT_GRIP, None, False, "zones")
+    setup = linear_setup(LIGHT_GRIP, None, False, "way_out")
     bound = bound_N_m(setup, case.direction)
     for share, expected in ((0.85, True), (1.5, False)):
         run = hold(
@@ -185,8 +185,8 @@ def test_crease_allows_what_a_flat_wall_does(pad: Scene, place: str) -> None:
         assert (run.recording.rows["zones"][run.path_start - 50 :] >= 2).any()
 
 
-def test_zones_go_round_an_edge_quietly_and_fixed45_does_not() -> None:
-    ours, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "zones")
+def test_the_way_out_goes_round_an_edge_quietly_and_fixed45_does_not() -> None:
+    ours, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "way_out")
     theirs, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "fixed45")
     assert ours.faults == theirs.faults == "none"
     assert ours.buzz < 0.05
@@ -195,8 +195,8 @@ def test_zones_go_round_an_edge_quietly_and_fixed45_does_not() -> None:
     assert theirs.turn_deg > NOTICEABLE_TURN_DEG
 
 
-def test_zones_go_over_a_corner_quietly_and_fixed45_does_not() -> None:
-    ours, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "zones")
+def test_the_way_out_goes_over_a_corner_quietly_and_fixed45_does_not() -> None:
+    ours, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "way_out")
     theirs, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "fixed45")
     assert ours.faults == theirs.faults == "none"
     assert ours.buzz < 0.05

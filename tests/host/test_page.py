@@ -40,7 +40,7 @@ def replay_both(folder: Path, ticks: int | None = None) -> list[Path]:
         noise = rng.normal(0.0, 1e-4, (ticks, 3))
         rows[:, 1:4] += np.stack([np.convolve(n, window, "same") for n in noise.T], axis=1)
         path = check_rows(rows, "long")
-    tables = [folder / f"{response}.npz" for response in ("zones", "fixed45")]
+    tables = [folder / f"{response}.npz" for response in ("way_out", "fixed45")]
     for table in tables:
         rows = run_path(scene, path, ReplayOptions(response=table.stem))
         write_table(table, to_columns(path, rows))

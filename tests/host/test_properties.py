@@ -352,8 +352,9 @@ def test_scenes_and_responses_are_chosen_by_name() -> None:
     assert len(choose_scenes(table, [])) == len(table)
     with pytest.raises(CreaseError, match="no scene none"):
         choose_scenes(table, ["none"])
-    assert choose_responses(["published"], False)[0][1].coverage == "hard"
-    assert [name for name, _ in choose_responses([], True)] == ["zones"]
+    published = choose_responses(["published"], False)[0][1]
+    assert (published.response, published.coverage) == ("extent", "hard")
+    assert [name for name, _ in choose_responses([], True)] == ["way_out"]
     with pytest.raises(CreaseError, match="no response none"):
         choose_responses(["none"], False)
 
@@ -391,8 +392,8 @@ def test_command_judges_a_scene(tmp_path: Path, crease: Run) -> None:
     assert done.status == 0, done.err
     assert "rock_loop" in done.out
     records = read_csv((tmp_path / "properties.csv").read_text())
-    assert [(r["scene"], r["response"]) for r in records] == [("rock_loop", "zones")]
-    for name in ("properties.md", "properties.png", "properties_zones.png"):
+    assert [(r["scene"], r["response"]) for r in records] == [("rock_loop", "way_out")]
+    for name in ("properties.md", "properties.png", "properties_way_out.png"):
         assert (tmp_path / name).stat().st_size > 100
 
 

@@ -22,8 +22,9 @@ from host_tools import Run, write_path
 
 
 def test_names_come_from_the_c_enumerations() -> None:
-    assert {"zones", "fixed45"} <= set(RESPONSES)
-    assert RESPONSES["zones"] == lib.CR_RESPONSE_ZONES
+    assert {"way_out", "extent", "fixed45"} <= set(RESPONSES)
+    assert RESPONSES["way_out"] == lib.CR_RESPONSE_WAY_OUT == lib.cr_config_default().response
+    assert ReplayOptions().response == "way_out"
     assert len(RESPONSES) == lib.CR_RESPONSE_COUNT
     assert set(COVERAGES) == {"soft", "hard"}
 
@@ -60,8 +61,12 @@ def test_every_response_and_coverage_pushes_out(
     scene_crs: Path, press_csv: Path, response: str, coverage: str
 ) -> None:
     options = ReplayOptions(response=response, coverage=coverage)
+    if (response, coverage) == ("way_out", "hard"):
+        with pytest.raises(SceneError, match=r"^coverage hard: .*; use response extent"):
+            World(open_scene(scene_crs), options)
+        return
     rows = run_path(open_scene(scene_crs), load_trajectory(press_csv), options)
-    if response in ("zones", "fixed45"):
+    if response in ("way_out", "extent", "fixed45"):
         assert rows["force_N"][399, 2] == pytest.approx(2.0, rel=0.05)
     elif response == "god_object":  # a point in the middle of the tool, and it stays outside
         assert rows["force_N"][399, 2] == 0.0
@@ -109,6 +114,20 @@ def test_single_ticks_agree_with_the_loop(scene_crs: Path, press_csv: Path) -> N
 def test_settings_out_of_range_are_refused(scene_crs: Path) -> None:
     with pytest.raises(SceneError, match="check the options"):
         World(open_scene(scene_crs), ReplayOptions(stiffness_N_m=-1.0))
+
+
+def test_samples_in_or_out_are_for_the_responses_compared_with(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    with pytest.raises(SceneError, match=r"^vertices_only: .*; use response extent"):
+        World(open_scene(scene_crs), ReplayOptions(vertices_only=True))
+    out = folder / "hard.csv"
+    said = crease("replay", scene_crs, press_csv, "-o", out, "--coverage", "hard")
+    assert (said.status, said.out, said.err.count("\n")) == (1, "", 1)
+    assert said.err.startswith("error: coverage hard: ")
+    assert not out.exists()
+    words = ("--coverage", "hard", "--response", "extent")
+    assert crease("replay", scene_crs, press_csv, "-o", out, *words).status == 0
 
 
 def test_damaged_image_is_refused(scene_crs: Path) -> None:

@@ -86,7 +86,7 @@ def test_demonstration_writes_tables_and_pictures(table: Path) -> None:
         *(
             f"{scene}.{kind}.csv"
             for scene in ("edge90_sphere", "edge90_cube")
-            for kind in ("zones", "fixed45")
+            for kind in ("way_out", "fixed45")
         ),
     }
     assert all(path.stat().st_size > 5_000 for path in out.iterdir())

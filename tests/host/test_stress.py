@@ -195,7 +195,7 @@ def test_checks_see_wrong_answers(pair: Pair) -> None:
 
 
 def test_continuity_sees_a_jump_and_not_a_slope() -> None:
-    """Hard coverage jumps by whole samples; soft coverage seldom does."""
+    """Of extent: hard coverage jumps by whole samples; soft coverage seldom does."""
     hard = soft = 0
     pairs = [random_pair((SEED, 1, seed))[0] for seed in (0, 20)]
     for seed in range(40):
@@ -205,7 +205,7 @@ def test_continuity_sees_a_jump_and_not_a_slope() -> None:
         start = touching(rng, made, 1, -2e-3, -1e-3)
         poses = np.hstack([start[:, :3] + way, np.tile(start[:, 3:], (24, 1))])
         for coverage in ("hard", "soft"):
-            options = ReplayOptions(coverage=coverage)
+            options = ReplayOptions(response="extent", coverage=coverage)
             jump_m = checks.continuity(made, made.here, poses, options)[1]
             jumps = jump_m > 0.05 * made.here.spacing_m
             hard += jumps and coverage == "hard"

@@ -32,6 +32,8 @@ from crease.replay.replay import ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import check_rows, load_trajectory
 from host_tools import Run, write_path
 
+PUBLISHED = METHODS[2]
+"""Samples in or out: those in contact are those inside."""
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 
@@ -43,19 +45,20 @@ def states_after(contacts: Contacts, tick: int, samples: int) -> np.ndarray[Any,
     return states
 
 
-@pytest.mark.parametrize("coverage", ["soft", "hard"])
+@pytest.mark.parametrize("options", METHODS, ids=lambda o: f"{o.response}-{o.coverage}")
 def test_contacts_are_those_of_the_replay(
-    folder: Path, scene_crs: Path, press_csv: Path, crease: Run, coverage: str
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run, options: ReplayOptions
 ) -> None:
-    out = folder / f"contacts_{coverage}.csv"
-    assert crease("replay", scene_crs, press_csv, "-o", out, "--coverage", coverage).status == 0
+    out = folder / f"contacts_{options.response}_{options.coverage}.csv"
+    words = ("--response", options.response, "--coverage", options.coverage)
+    assert crease("replay", scene_crs, press_csv, "-o", out, *words).status == 0
     table = read_table(out)
-    ticks = find_contacts(open_scene(scene_crs), load_trajectory(press_csv), coverage).ticks
+    ticks = find_contacts(open_scene(scene_crs), load_trajectory(press_csv), options).ticks
     for name in ("areas", "zones", "contacts"):
         assert np.array_equal(ticks[name], table[name]), name
 
 
-@pytest.mark.parametrize("response", ["deepest_group", "god_object", "voxmap"])
+@pytest.mark.parametrize("response", ["extent", "deepest_group", "god_object", "voxmap"])
 def test_other_methods_are_shown_with_the_contacts_of_ours(
     folder: Path, scene_crs: Path, press_csv: Path, crease: Run, response: str
 ) -> None:
@@ -71,7 +74,7 @@ def test_samples_in_contact_are_those_below_the_plane(scene_crs: Path, press_csv
     samples_m = tool_samples_m(scene)
     assert len(samples_m) == scene.meta.point_count
     assert np.linalg.norm(samples_m, axis=1) == pytest.approx(0.01, rel=0.01)
-    contacts = find_contacts(scene, path, "hard")
+    contacts = find_contacts(scene, path, PUBLISHED)
     for tick in (150, 199, 300, 399):
         touching = states_after(contacts, tick, len(samples_m))[:, 0] > 0
         height_m = samples_m[:, 2] + path.position_m[tick, 2]  # the top of the block is z = 0
@@ -81,7 +84,7 @@ def test_samples_in_contact_are_those_below_the_plane(scene_crs: Path, press_csv
 
 def test_one_flat_face_is_one_zone_and_one_area(scene_crs: Path, press_csv: Path) -> None:
     scene, path = open_scene(scene_crs), load_trajectory(press_csv)
-    contacts = find_contacts(scene, path, "soft")
+    contacts = find_contacts(scene, path, ReplayOptions())
     (patch,) = set(contacts.zones["patch"].tolist())
     touched = contacts.changes[contacts.changes["area"] > 0]
     assert set(touched["area"].tolist()) == {1}
@@ -112,7 +115,7 @@ def test_an_area_keeps_its_label_while_it_lasts(folder: Path, block_stl: Path, c
     rows[:, 3] -= 0.6e-3
     rows[:, 4], rows[:, 6] = np.cos(tilt / 2), np.sin(-tilt / 2)
     scene = open_scene(scene_path)
-    contacts = find_contacts(scene, check_rows(rows, "rocking"), "hard")
+    contacts = find_contacts(scene, check_rows(rows, "rocking"), PUBLISHED)
     samples_m = tool_samples_m(scene)
     sides: list[set[int]] = [set(), set()]
     both = 0
@@ -130,7 +133,7 @@ def test_an_area_keeps_its_label_while_it_lasts(folder: Path, block_stl: Path, c
 def test_samples_in_contact_are_those_inside_the_voxmap(name: str) -> None:
     scene = open_scene(BUILD / "scenes" / f"{name}.crs")
     path = load_trajectory(BUILD / "meshes" / f"{name}.csv")
-    contacts = find_contacts(scene, path, "hard")
+    contacts = find_contacts(scene, path, PUBLISHED)
     samples_m = tool_samples_m(scene)
     checked = 0
     for tick in range(0, len(path), 97):

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crease.base.native import RESPONSES
 from property_scenes import NAMES, ROOT, SEED, as_path, pair, poses_near
 from study.program import CORE
 
 FLAGS = [
     *("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-O1", "-g"),
-    *("-fsanitize=address,undefined", "-fno-sanitize-recover=all"),
+    *("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-DCR_RIVALS"),
 ]
 BUILDS = {
     "default": (),
@@ -29,6 +30,9 @@ BUILDS = {
 OVERFLOWS = {"clusters", "lookups", "all"}
 """Builds that must overflow in the scenes below; the others may."""
 POSES = 80
+WAY_OUT, EXTENT = RESPONSES["way_out"], RESPONSES["extent"]
+SETTINGS = ((WAY_OUT, 0, 0), (WAY_OUT, 0, 7), (EXTENT, 0, 7), (EXTENT, 1, 7))
+"""Response, coverage, skips."""
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def build(folder: Path, name: str) -> Path:
     """The program with these capacities, under sanitizers."""
     program = folder / name
-    stages = [*CORE]
+    stages = [*CORE, *sorted((ROOT / "firmware/rivals").glob("*.c"))]
     checks = [ROOT / f"tests/check/{name}.c" for name in ("capacities", "blob")]
     sources = [*checks, ROOT / "host/native/replay.c", *stages]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'host/native'}"]
@@ -61,13 +65,12 @@ def test_overflow_is_counted_and_harmless(folder: Path, name: str) -> None:
         image.write_bytes(of.scene.image.tobytes())
         poses = poses_near(np.random.default_rng(SEED), of, POSES, 5e-3, 0.0)
         as_path(poses).rows.astype("<f8").tofile(path)
-        for coverage in ("0", "1"):
-            for skip in ("0", "7"):
-                command = [str(part) for part in (program, image, path, coverage, skip)]
-                done = subprocess.run(command, capture_output=True, text=True, check=False)
-                assert done.returncode == 0, done.stderr
-                ticks, touching, over, _ = done.stdout.split()
-                assert int(ticks) == POSES
-                assert int(touching) > POSES // 3
-                overflows += int(over)
+        for settings in SETTINGS:
+            command = [str(part) for part in (program, image, path, *settings)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+            ticks, touching, over, _ = done.stdout.split()
+            assert int(ticks) == POSES
+            assert int(touching) > POSES // 3
+            overflows += int(over)
     assert overflows > 0 or name not in OVERFLOWS

@@ -96,7 +96,8 @@ def check_same(name: str, options: ReplayOptions, poses: np.ndarray) -> None:
 def test_skipping_changes_no_bit_at_random_poses(name: str, skip: int) -> None:
     poses = poses_near(np.random.default_rng(skip), pair(name), 400, 4e-3, 4e-3)
     check_same(name, ReplayOptions(skip=skip), poses)
-    check_same(name, ReplayOptions(skip=skip, coverage="hard"), poses[:100])
+    check_same(name, ReplayOptions(skip=skip, response="extent", coverage="hard"), poses[:100])
+    check_same(name, ReplayOptions(skip=skip, response="extent"), poses[:100])
     check_same(name, ReplayOptions(skip=skip, response="fixed45"), poses[:100])
 
 

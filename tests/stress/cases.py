@@ -10,7 +10,7 @@ import numpy.typing as npt
 from crease.base.attitude import to_matrix
 from crease.base.native import RESPONSES, lib
 from crease.mesh.mesh import Mesh
-from crease.replay.replay import ReplayOptions, World
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, World
 
 from stress import checks
 from stress.checks import Violation
@@ -114,7 +114,7 @@ def _against_exact(
     """Free space; and for convex solids, pull and contacts that are missed."""
     pair, placed = place.pair, place.placed
     bad = checks.free(pair, placed, rows, poses, options, EXACT_POSES)
-    if pair.convex and options.response == "zones":
+    if pair.convex and options.response in checks.CONVEX:
         bad = bad or checks.missed(pair, placed, rows, poses, options, EXACT_POSES)
         bad = bad or checks.no_pull_exact(pair, placed, rows, poses, options, EXACT_POSES)
     return bad
@@ -123,13 +123,15 @@ def _against_exact(
 def near(rng: Rng, place: Place, found: Found) -> Violation | None:
     """Any pose near the surface, with any response: sound, no pull, free space."""
     poses = touching(rng, place.pair, POSES, -3e-3, 3e-3)
-    # Half of the cases are of the zone method.
-    response = "zones" if rng.random() < 0.5 else str(rng.choice(list(RESPONSES)))
+    # Half of the cases are of the library's own response, which has no coverage to choose.
+    response = DEFAULT_RESPONSE if rng.random() < 0.5 else str(rng.choice(list(RESPONSES)))
     options = ReplayOptions(
         response=response,
         damping_Ns_m=float(rng.choice([0.0, 50.0])),
         coverage=str(rng.choice(["soft", "soft", "hard"])),
     )
+    if response == DEFAULT_RESPONSE:
+        options = replace(options, coverage="soft")
     rows = _run(place, poses, options, found)
     bad = checks.sound(rows, poses, options) or checks.no_pull(place.placed, poses[:4], options)
     if bad or response in POINT_TOOLS or options.damping_Ns_m or options.coverage == "hard":

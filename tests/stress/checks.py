@@ -38,6 +38,9 @@ LIPSCHITZ = 64.0
 
 BISECTIONS = 12
 
+CONVEX = ("way_out", "extent")
+"""Responses of which more is known where both solids are convex."""
+
 JOINED_SPACINGS = 2.5
 """Samples cannot tell contacts nearer than this apart: each reaches one of two samples beside each other,
 whose pieces are up to 1.4 spacings across."""
@@ -99,8 +102,8 @@ def sound(rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
 
 
 def bounded(placed: Placed, rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
-    """No depth of the zone method is more than the tool's diameter."""
-    if options.response != "zones" or options.coverage != "soft":
+    """No depth of the way out, or of the extent, is more than the tool's diameter."""
+    if options.response not in CONVEX or options.coverage != "soft":
         return None
     bound_m = 2.0 * float(placed.scene.meta.tool_radius_m)
     i = int(np.argmax(rows["depth_m"]))

@@ -26,7 +26,7 @@ from crease.loop.loop import (
 )
 from crease.loop.places import Case, cases, groove_case, groove_scene, pad_scene, press_N
 
-RESPONSES = ("zones", "fixed45", "deepest_group", "overlap")
+RESPONSES = ("way_out", "fixed45", "extent", "deepest_group", "overlap")
 HANDS = {"light": LIGHT_GRIP, "normal": NORMAL_GRIP}
 DELAYS_S = (0.0, None, 3e-3)
 """None: the bus as it is, one period."""

@@ -39,7 +39,7 @@ def check_again(place: Place, poses: F64, options: ReplayOptions, check: str) ->
     if check == "missed contact":
         return checks.missed(pair, placed, rows, poses, options, len(poses))
     bad = checks.sound(rows, poses, options) or checks.no_pull(placed, poses, options)
-    if pair.convex and options.response == "zones":
+    if pair.convex and options.response in checks.CONVEX:
         bad = bad or checks.no_pull_exact(pair, placed, rows, poses, options, len(poses))
     return bad if bad and bad.check == check else None
 

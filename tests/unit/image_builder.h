@@ -100,9 +100,14 @@ void crt_close(crt_rig *rig);
 /* Purpose  back to the state before the first tick, with these settings. */
 void crt_restart(crt_rig *rig, const cr_config *config);
 
+/* Purpose  a cube about the tool's origin, kept apart from a block with an edge along y by a plane through it: no force at all, whatever the attitude. */
+void crt_check_free(const crt_rig *rig, double half_m, const cr_config *config);
+
+#ifdef CR_RIVALS
 /* Purpose  the areas at a pose, searched from scratch in one call.   Output  *set, *areas, *stats. */
 void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint32_t coverage, cr_contact_set *set,
                     cr_area_set *areas, cr_stats *stats);
+#endif
 /* Random numbers: the same on every machine. */
 double crt_uniform(uint64_t *seed, double low, double high);
 cr_quat crt_random_rotation(uint64_t *seed);

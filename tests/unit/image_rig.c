@@ -1,5 +1,8 @@
 /* Opened images with a world, random poses, and what every output must satisfy: see image_builder.h. */
 #include "image_builder.h"
+#ifdef CR_RIVALS
+#include "rivals/extent.h"
+#endif
 
 #include <math.h>
 #include <setjmp.h>
@@ -52,9 +55,10 @@ void crt_close(crt_rig *rig) {
     memset(rig, 0, sizeof *rig);
 }
 
+#ifdef CR_RIVALS
 void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint32_t coverage, cr_contact_set *set,
                     cr_area_set *areas, cr_stats *stats) {
-    const cr_detect_options options = {skip, coverage, UINT32_MAX, 0u};
+    const cr_detect_options options = {.skip = skip, .coverage = coverage, .lookups_max = UINT32_MAX, .touches = 1u};
     const xform at = xform_from_pose(pose);
     const uint32_t clusters = rig->scene.cluster_count;
     uint16_t *hit_of_cluster = malloc(clusters * sizeof *hit_of_cluster);
@@ -75,6 +79,7 @@ void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint
     free(hit_of_cluster);
     free(motion.wake_m);
 }
+#endif
 
 double crt_uniform(uint64_t *seed, double low, double high) {
     *seed ^= *seed << 13;
@@ -150,4 +155,40 @@ int crt_same(const cr_output *a, const cr_output *b) {
         }
     }
     return 1;
+}
+
+#define QUARTER 1.57079632679489661923
+
+void crt_check_free(const crt_rig *rig, double half_m, const cr_config *config) {
+    uint64_t seed = 83u;
+    int pushed = 0;
+    double most = 0.0;
+    crt_restart((crt_rig *)rig, config);
+    for (int i = 0; i < 4000; i++) {
+        double turn = crt_uniform(&seed, 0.0, QUARTER), gap = crt_uniform(&seed, 2e-6, 0.4e-3);
+        cr_vec3 n = v3((float)cos(turn), 0.0f, (float)sin(turn));
+        cr_pose pose = crt_pose(0.0, crt_uniform(&seed, -20e-3, 20e-3), 0.0);
+        pose.rot = i % 3 ? crt_random_rotation(&seed) : crt_turn(0.0, 1.0, 0.0, QUARTER - turn);
+        xform now = xform_from_pose(&pose);
+        float lowest = 1.0f;
+        for (int k = 0; k < 8; k++) {
+            float h = (float)half_m;
+            cr_vec3 v = v3(k & 1 ? h : -h, k & 2 ? h : -h, k & 4 ? h : -h);
+            lowest = min_f(lowest, v3_dot(n, xform_rotate(&now, v)));
+        }
+        double along = crt_uniform(&seed, -8e-3, 8e-3), up = gap - (double)lowest;
+        pose.pos_m.x = (float)(up * (double)n.x - along * (double)n.z);
+        pose.pos_m.z = (float)(up * (double)n.z + along * (double)n.x);
+        cr_output out;
+        cr_tick(rig->world, &pose, 1e-3f, &out);
+        const float *f = &out.force_world_N.x;
+        if (f[0] != 0.0f || f[1] != 0.0f || f[2] != 0.0f || out.depth_m != 0.0f) {
+            pushed++;
+            most = fmax(most, (double)out.depth_m);
+        }
+    }
+    if (pushed > 0) {
+        fail_msg("coverage %u, response %u: a force at %d of 4000 free poses, largest depth %g m", config->coverage,
+                 config->response, pushed, most);
+    }
 }

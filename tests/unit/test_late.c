@@ -19,7 +19,6 @@
 
 static crt_rig wall, edge;
 static cr_contact_set whole, pieces;
-static cr_area_set areas;
 
 static void open_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, HALF_M, 0.5e-3, VOXEL_M); }
 
@@ -54,55 +53,19 @@ static cr_output tick(const crt_rig *rig, const cr_pose *pose) {
 
 static cr_pose pressed(double depth_m) { return crt_pose(0.0, 0.0, HALF_M - depth_m); }
 
-static void search_in_pieces_finds_the_same_to_the_bit(void **state) {
-    (void)state;
-    cr_search search;
-    cr_motion motion;
-    cr_stats stats;
-    memset(&motion, 0, sizeof motion);
-    motion.wake_count = edge.scene.group_count * CR_LANES;
-    motion.wake_m = calloc(motion.wake_count, sizeof(float));
-    uint64_t seed = 3u;
-    uint32_t most = 0u;
-    for (int i = 0; i < 100; i++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
-        pose.rot = crt_random_rotation(&seed);
-        const xform at = xform_from_pose(&pose);
-        const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, LOOKUPS, 0u};
-        crt_find_areas(&edge, &pose, CR_SKIP_ALL, CR_COVERAGE_SOFT, &whole, &areas, &stats);
-        memset(&search, 0, sizeof search);
-        cr_motion_advance(&motion, &pose);
-        int ended = 0;
-        while (!ended) {
-            memset(&stats, 0, sizeof stats);
-            ended = cr_detect(&edge.field, &at, &options, &motion, &search, &pieces, &stats);
-            assert_true(stats.points + stats.nodes <= LOOKUPS * CR_LANES);
-        }
-        most = search.calls > most ? search.calls : most;
-        assert_int_equal(pieces.hit_count, whole.hit_count);
-        assert_int_equal(pieces.touch_count, whole.touch_count);
-        for (uint32_t h = 0; h < whole.hit_count; h++) {
-            pieces.hits[h].area = whole.hits[h].area; /* set by the zones, which ran on one of the two */
-            assert_memory_equal(&pieces.hits[h].sum, &whole.hits[h].sum, sizeof whole.hits[h].sum);
-            assert_int_equal(pieces.hits[h].cluster, whole.hits[h].cluster);
-            assert_int_equal(pieces.hits[h].covered, whole.hits[h].covered);
-        }
-        assert_memory_equal(pieces.touches, whole.touches, whole.touch_count * sizeof *whole.touches);
-    }
-    assert_true(most > 3u);
-    free(motion.wake_m);
-}
-
 /* Searches at a pose, in as many calls as it takes, with so many lookups in each. Returns how many it took. */
 static uint32_t gather_in_calls(cr_motion *motion, const cr_pose *pose, uint32_t lookups, cr_contact_set *set) {
     const xform at = xform_from_pose(pose);
-    const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, lookups, 1u};
+    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = lookups};
     cr_search search;
     cr_stats stats;
     memset(&search, 0, sizeof search);
     memset(&stats, 0, sizeof stats);
     cr_motion_advance(motion, pose);
-    while (!cr_detect(&edge.field, &at, &options, motion, &search, set, &stats)) {
+    for (int ended = 0; !ended;) {
+        memset(&stats, 0, sizeof stats);
+        ended = cr_detect(&edge.field, &at, &options, motion, &search, set, &stats);
+        assert_true(lookups == UINT32_MAX || stats.points + stats.nodes <= lookups * CR_LANES);
     }
     return search.calls;
 }
@@ -147,23 +110,20 @@ static void what_a_search_cannot_see_in_its_time_is_left_out(void **state) {
     motion.wake_m = calloc(motion.wake_count, sizeof(float));
     const cr_pose pose = crt_pose(0.0, 0.0, 0.5e-3);
     const xform at = xform_from_pose(&pose);
-    for (uint32_t way = 0u; way < 2u; way++) {
-        const cr_detect_options all = {0u, CR_COVERAGE_SOFT, UINT32_MAX, way},
-                                few = {0u, CR_COVERAGE_SOFT, LOOKUPS, way};
-        cr_search search;
-        cr_stats stats;
-        memset(&search, 0, sizeof search);
-        memset(&stats, 0, sizeof stats);
-        cr_motion_advance(&motion, &pose);
-        assert_int_equal(cr_detect(&rig.field, &at, &all, &motion, &search, &whole, &stats), 1);
-        assert_true(stats.clusters_dropped > 0u && whole.hit_count == CR_CLUSTERS_MAX);
-        memset(&search, 0, sizeof search);
-        memset(&stats, 0, sizeof stats);
-        while (!cr_detect(&rig.field, &at, &few, &motion, &search, &pieces, &stats)) {
-        }
-        assert_int_equal(search.calls, CR_SEARCH_TICKS_MAX);
-        assert_true(stats.clusters_dropped > 0u && pieces.hit_count > 0u);
+    const cr_detect_options all = {.lookups_max = UINT32_MAX}, few = {.lookups_max = LOOKUPS};
+    cr_search search;
+    cr_stats stats;
+    memset(&search, 0, sizeof search);
+    memset(&stats, 0, sizeof stats);
+    cr_motion_advance(&motion, &pose);
+    assert_int_equal(cr_detect(&rig.field, &at, &all, &motion, &search, &whole, &stats), 1);
+    assert_true(stats.clusters_dropped > 0u && whole.hit_count == CR_CLUSTERS_MAX);
+    memset(&search, 0, sizeof search);
+    memset(&stats, 0, sizeof stats);
+    while (!cr_detect(&rig.field, &at, &few, &motion, &search, &pieces, &stats)) {
     }
+    assert_int_equal(search.calls, CR_SEARCH_TICKS_MAX);
+    assert_true(stats.clusters_dropped > 0u && pieces.hit_count > 0u);
     free(motion.wake_m);
     crt_close(&rig);
     crt_tool_free(&slab);
@@ -274,7 +234,6 @@ static void late_settings_begin_the_search_anew(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(search_in_pieces_finds_the_same_to_the_bit),
         cmocka_unit_test(what_a_search_cannot_see_in_its_time_is_left_out),
         cmocka_unit_test(zones_gathered_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),

@@ -229,10 +229,6 @@ static void any_pose_of_any_scene_is_answered(void **state) {
         crt_restart(&rig, &config);
         press_anyhow(&rig, &solids[s], 24e-3, 13u + s);
         config = way_out();
-        config.coverage = CR_COVERAGE_HARD;
-        crt_restart(&rig, &config);
-        press_anyhow(&rig, &solids[s], 24e-3, 23u + s);
-        config = way_out();
         if (solids[s].ball_m <= 0.0) {
             crt_mark_planes(&rig);
             reopen(&rig, &config);
@@ -364,7 +360,7 @@ static void contacts_beyond_their_room_are_counted(void **state) {
     const cr_config config = way_out();
     const cr_pose pose = crt_pose(20e-3 - HALF_M + 1e-3, 0.0, 20e-3 - HALF_M + 0.7e-3);
     const xform at = xform_from_pose(&pose);
-    const cr_detect_options options = {CR_SKIP_ALL, CR_COVERAGE_SOFT, UINT32_MAX, 1u};
+    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = UINT32_MAX};
     cr_search search = {0};
     cr_motion motion = {0};
     cr_stats stats = {0};

@@ -12,9 +12,7 @@ BOARD_m4f := mps2-an386
 BOARD_m55 := mps3-an547
 # Optimisation of the device images. The replay check also builds others.
 LEVEL ?= -O2
-# 1: with the response way_out, which does not keep to the budgets of code and stack yet.
-WAY_OUT ?= 0
-CORTEX_FLAGS := -std=c11 -mthumb -mfloat-abi=hard -DCR_WAY_OUT=$(WAY_OUT) -ffp-contract=off -fno-math-errno -fno-common -fconserve-stack \
+CORTEX_FLAGS := -std=c11 -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -fno-common -fconserve-stack \
     -ffunction-sections -fdata-sections -fstack-usage -fcallgraph-info=su -g \
     -Wall -Wextra -Wconversion -Wshadow -Wdouble-promotion -Wfloat-conversion -Wvla -Werror
 CORTEX_INCLUDES := -Ifirmware -I$(CORTEX) -Itests/check

@@ -57,10 +57,10 @@ def _names(prefix: str, exclude: frozenset[str] = frozenset()) -> dict[str, int]
 
 
 RESPONSES: dict[str, int] = _names("CR_RESPONSE_", frozenset({"CR_RESPONSE_COUNT"}))
-"""How a contact area turns into a force: `zones`, `fixed45`, ... as the firmware's `cr_response` has them."""
+"""How contact turns into force: `way_out`, `extent`, `fixed45`, ... as the firmware's `cr_response` has them."""
 
 COVERAGES: dict[str, int] = _names("CR_COVERAGE_", frozenset({"CR_COVERAGE_COUNT"}))
-"""How a sample near the surface counts: `soft`, `hard`, as in `cr_coverage`."""
+"""How a sample near the surface counts: `soft`, `hard`, as in `cr_coverage`; other than `soft` is for rivals."""
 
 SKIPS: dict[str, int] = _names("CR_SKIP_")
 """What detection may skip, as bits: `top`, `tree`, `coherence`, `all`."""

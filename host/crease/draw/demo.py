@@ -1,4 +1,4 @@
-"""`make demo`: the corner trajectory with the contact-zone method and with the fixed 45 degrees: figures and a page.
+"""`make demo`: the corner trajectory with the way out and with the fixed 45 degrees: figures and a page.
 
 python -m crease.draw.demo SCENES.toml MESHES IMAGES OUT
 """
@@ -23,7 +23,7 @@ from crease.replay.replay import ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import load_trajectory
 
 SCENES = ("edge90_sphere", "edge90_cube")
-NAMES = {"zones": "contact zones", "fixed45": "fixed 45 degrees"}
+NAMES = {"way_out": "way out", "fixed45": "fixed 45 degrees"}
 
 
 def replay_both(spec: SceneSpec, images: Path, out: Path) -> dict[str, dict[str, Column]]:

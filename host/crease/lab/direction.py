@@ -27,7 +27,7 @@ RADIUS_MM, DEPTH_MM, STEP_MM, FLAT_MM = 50.0, 10.0, 0.1, 55.0
 """The paper's sphere and depth; one step a tick is 100 mm/s; how far the path goes on along each face."""
 
 STIFFNESS_N_M = 1000.0
-NAMES = {"zones": "contact zones", "fixed45": "fixed 45 degrees"}
+NAMES = {"way_out": "way out", "extent": "extent", "fixed45": "fixed 45 degrees"}
 WEDGES = {60: "wedge60", 90: "block45k", 120: "wedge120"}
 EXACT_EVERY = 8
 """Every n-th pose has its exact direction computed: a boolean with a ball of 20,480 triangles costs 8 ms."""
@@ -95,7 +95,7 @@ def felt_radius_mm(force: F64, poses: F64) -> float:
 
 
 def run(setup: Setup) -> Result:
-    """Force arrows, turn per tick and felt radius of every corner, with fixed45 and with zones."""
+    """Force arrows, turn per tick and felt radius of every corner, with each response."""
     result = Result(
         "direction",
         "Direction of the force round a corner",
@@ -104,7 +104,8 @@ def run(setup: Setup) -> Result:
         "a ball of R 15 mm over a corner of three faces. Fixed 45 degrees: every zone at the "
         "edge counts the same. Felt radius: the "
         "way of the tool over the turn of the force where it turns fastest, over 2 mm of way; a "
-        "right-angled jump has almost none.",
+        "right-angled jump has almost none. Exact: against the gradient of the overlap volume, which extent and fixed "
+        "45 degrees stand for; the way out turns with the depth of the overlap and not with its surface.",
     )
     rows: list[tuple[object, ...]] = []
     turns: dict[str, dict[str, tuple[F64, F64]]] = {}
@@ -122,7 +123,7 @@ def run(setup: Setup) -> Result:
     worst = {n: max(float(t[n][1].max()) for t in turns.values()) for n in NAMES}
     result.found.append(
         f"Fixed 45 degrees turns the force by up to {worst['fixed45']:.0f} degrees in one tick, "
-        f"zones by at most {worst['zones']:.2f}."
+        f"the way out by at most {worst['way_out']:.2f}."
     )
     return result
 
@@ -149,7 +150,8 @@ def _run_case(
         turn, error = turns_deg(force), angle_deg(force[chosen], exact)[deep]
         turns.setdefault(case.name, {})[response] = (way_mm[1:], turn)
         columns |= {f"{response}_f{a}_N": f for a, f in zip("xyz", force.T, strict=True)}
-        rows.append((case.name, label, float(turn.max()), float(error.max(initial=0.0)),
+        rows.append((case.name, label, float(turn.max()),
+                     "" if response == "way_out" else float(error.max(initial=0.0)),
                      f"{felt_radius_mm(force, case.poses):.1f}"))  # fmt: skip
         corners.append(CornerCase(label, case.poses[:, :3], force))
     rows.append((case.name, "exact", "", "", f"{felt_radius_mm(exact, case.poses[chosen]):.1f}"))

@@ -1,8 +1,8 @@
-"""The exact contact of two solids in one pose, from a boolean of their meshes.
+"""The extent of the overlap of two solids in one pose, exact, from a boolean of their meshes.
 
-For contact areas with convex creases (firmware/contact/ZONES.md "Zones and area normal"): F* = k d* n*, n* against the
-gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of overlap answer on their own,
-and add up.
+What the contact-zone method converges to at convex creases (firmware/rivals/EXTENT.md "Zones and area normal"):
+F* = k d* n*, n* against the gradient of the overlap volume, d* the extent of the overlap along it. Separate pieces of
+overlap answer on their own, and add up.
 """
 
 from __future__ import annotations
@@ -113,3 +113,36 @@ def exact_path(solids: Solids, poses: F64) -> tuple[F64, F64]:
     """exact_contact of every pose (n, 7): forces over stiffness (n, 3) and depths (n,), in m."""
     found = [exact_contact(solids, pose) for pose in poses]
     return np.array([f for f, _ in found]), np.array([d for _, d in found])
+
+
+def convex_planes(mesh: Mesh) -> F64:
+    """Planes (m, 4) of a convex mesh: normal n and offset, n x <= offset inside."""
+    from scipy.spatial import ConvexHull
+
+    found = ConvexHull(mesh.vertices_m).equations
+    _, first = np.unique(np.round(found, 7), axis=0, return_index=True)
+    planes: F64 = np.column_stack([found[first, :3], -found[first, 3]])
+    return planes
+
+
+def exact_exit_m(static: F64, tool: F64, pose: F64, along: F64) -> float:
+    """How far a convex tool goes along a unit vector to leave a convex static object, m; 0 if they are apart.
+
+    static, tool: planes of `convex_planes`.   Method: the longest t for which some point x of the static object has
+    x - t along in the tool, a linear programme.   Cost: about 2 ms.
+    """
+    from scipy.optimize import linprog
+
+    placed = world_from_tool(pose)
+    normal = tool[:, :3] @ placed[:, :3].T
+    offset = tool[:, 3] + normal @ placed[:, 3]
+    rows = np.block(
+        [[static[:, :3], np.zeros((len(static), 1))], [normal, -(normal @ along)[:, None]]]
+    )
+    found = linprog(
+        [0.0, 0.0, 0.0, -1.0],
+        rows,
+        np.r_[static[:, 3], offset],
+        bounds=[(None, None)] * 3 + [(0, None)],
+    )
+    return -float(found.fun) if found.success else 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from crease.base.scene import Scene
 from crease.draw.plot import COLOURS, STYLE, new_figure
-from crease.lab.exact import exact_path, make_solids, world_from_tool
+from crease.lab.exact import convex_planes, exact_exit_m, exact_path, make_solids, world_from_tool
 from crease.lab.setup import F64, Result, Setup, Table, make_path, poses_of, text_rows
 from crease.replay.replay import ReplayOptions, World, run_path
 
@@ -17,11 +17,11 @@ FRAMES = 120
 """The recorded trajectory is played at so many frames, as a device at some 60 Hz would have recorded it."""
 
 DETAIL = (40, 80)
-METHODS = ("as published", "ours")
+METHODS = ("as published", "extent", "way out")
 
 
 def run(setup: Setup) -> Result:
-    """Depth per frame of every tessellation, by both methods, beside the exact curve."""
+    """Depth per frame of every tessellation, by each method, beside its exact curve."""
     result = Result(
         "penetration",
         "Penetration measured with different tessellations of the tool",
@@ -29,12 +29,15 @@ def run(setup: Setup) -> Result:
         "trajectory, played with the "
         "cube tessellated by 50 to 2,700 triangles. As published: area normal and contact plane "
         "from samples inside or outside, depth from the vertices of the tool's mesh in the "
-        "zones' spheres. Ours: samples of its "
-        "surface, weighed by how much of each is inside. Exact: the extent of the overlap along the exact normal.",
+        "zones' spheres. Extent: samples of its "
+        "surface, weighed by how much of each is inside. Exact for both: the extent of the overlap along the exact "
+        "normal. Way out: crease; exact is how far the cube has to go along the force to leave the block.",
     )
     whole = poses_of(setup.path("edge90_cube"))
     poses = whole[np.linspace(0, len(whole) - 1, min(FRAMES, len(whole))).round().astype(int)]
-    exact = 1e3 * exact_path(make_solids(setup.mesh("block45k"), setup.mesh("cube60_50")), poses)[1]
+    extent = (
+        1e3 * exact_path(make_solids(setup.mesh("block45k"), setup.mesh("cube60_50")), poses)[1]
+    )
     scenes = {count: setup.scene("block45k", f"cube60_{count}", 2.0, 2.0) for count in TRIANGLES}
     depths = {
         ("as published", count): published_mm(
@@ -42,22 +45,44 @@ def run(setup: Setup) -> Result:
         )
         for count, scene in scenes.items()
     }
+    exact = dict.fromkeys(depths, extent)
+    block, cube = convex_planes(setup.mesh("block45k")), convex_planes(setup.mesh("cube60_50"))
     for count, scene in scenes.items():
-        depths["ours", count] = 1e3 * run_path(scene, make_path(poses))["depth_m"].astype(
-            np.float64
-        )
-    columns = {"frame": np.arange(len(poses)), "exact_mm": exact}
+        options = ReplayOptions(response="extent")
+        found = run_path(scene, make_path(poses), options)["depth_m"]
+        depths["extent", count] = 1e3 * found.astype(np.float64)
+        exact["extent", count] = extent
+        felt = run_path(scene, make_path(poses))
+        depths["way out", count] = 1e3 * felt["depth_m"].astype(np.float64)
+        exact["way out", count] = 1e3 * exits_m(block, cube, poses, felt["force_N"])
+    columns = {"frame": np.arange(len(poses)), "exact_extent_mm": extent}
     for (method, count), depth in depths.items():
         columns[f"{method.replace(' ', '_')}_{count}_mm"] = depth
+        if method == "way out":
+            columns[f"exact_way_out_{count}_mm"] = exact[method, count]
     setup.write_csv(result, "penetration.csv", columns)
     _draw(setup, result, depths, exact)
     result.tables.append(_table(depths, exact))
-    worst = {m: max(float(np.abs(depths[m, n] - exact).max()) for n in TRIANGLES) for m in METHODS}
+    worst = {
+        m: max(float(np.abs(depths[m, n] - exact[m, n]).max()) for n in TRIANGLES) for m in METHODS
+    }
     result.found.append(
         f"As published, the depth is up to {worst['as published']:.2f} mm wrong and jumps as vertices enter; "
-        f"ours stays within {worst['ours']:.3f} mm of the exact curve with every tessellation."
+        f"the way out stays within {worst['way out']:.3f} mm of the exact curve with every tessellation, the extent "
+        f"within {worst['extent']:.3f} mm."
     )
     return result
+
+
+def exits_m(static: F64, tool: F64, poses: F64, force_N: F64) -> F64:
+    """Exact way out of two convex bodies along each force, m, (n,); without a force along nothing, 0."""
+    size = np.linalg.norm(force_N.astype(np.float64), axis=1)
+    return np.array(
+        [
+            exact_exit_m(static, tool, pose, force / norm) if norm > 0.0 else 0.0
+            for pose, force, norm in zip(poses, force_N.astype(np.float64), size, strict=True)
+        ]
+    )
 
 
 def published_mm(scene: Scene, vertices_m: F64, poses: F64) -> F64:
@@ -67,7 +92,7 @@ def published_mm(scene: Scene, vertices_m: F64, poses: F64) -> F64:
     vertices in the inner half of a zone's sphere. The point shell has no samples at vertices of flat faces; the paper's
     tool has nothing else.
     """
-    world = World(scene, ReplayOptions(coverage="hard"))
+    world = World(scene, ReplayOptions(response="extent", coverage="hard"))
     found = np.zeros(len(poses))
     for i, pose in enumerate(poses):
         out = world.tick(pose)
@@ -90,12 +115,11 @@ def _vector(v: Any) -> F64:
     return np.array([v.x, v.y, v.z])
 
 
-def _table(depths: dict[tuple[str, int], F64], exact: F64) -> Table:
-    step = float(np.abs(np.diff(exact)).max())
+def _table(depths: dict[tuple[str, int], F64], exact: dict[tuple[str, int], F64]) -> Table:
     rows = [
-        (m, f"{n:,}", float(np.sqrt(np.mean((d - exact) ** 2))), float(np.abs(d - exact).max()),
-         float(np.abs(np.diff(d)).max()), step)
-        for (m, n), d in depths.items()
+        (m, f"{n:,}", float(np.sqrt(np.mean((d - e) ** 2))), float(np.abs(d - e).max()),
+         float(np.abs(np.diff(d)).max()), float(np.abs(np.diff(e)).max()))
+        for (m, n), d in depths.items() for e in (exact[m, n],)
     ]  # fmt: skip
     heads = (
         "method",
@@ -108,30 +132,44 @@ def _table(depths: dict[tuple[str, int], F64], exact: F64) -> Table:
     return Table("Depth against the exact depth over the whole trajectory", heads, text_rows(rows))
 
 
-def _draw(setup: Setup, result: Result, depths: dict[tuple[str, int], F64], exact: F64) -> None:
+def _draw(
+    setup: Setup,
+    result: Result,
+    depths: dict[tuple[str, int], F64],
+    exact: dict[tuple[str, int], F64],
+) -> None:
     import matplotlib as mpl
 
-    frames = np.arange(len(exact))
+    last = TRIANGLES[-1]
+    frames = np.arange(len(exact[METHODS[0], last]))
+    most = np.maximum.reduce([exact[method, last] for method in METHODS])
     for name, window in (
-        ("penetration.png", (0, len(exact) - 1)),
+        ("penetration.png", (0, len(frames) - 1)),
         ("penetration_detail.png", DETAIL),
     ):
         with mpl.rc_context(STYLE):
-            figure = new_figure(10.0, 4.2)
-            axes = figure.subplots(1, 2, sharey=True)
+            figure = new_figure(13.0, 4.2)
+            axes = figure.subplots(1, 3, sharey=True)
             for axis, method in zip(axes, METHODS, strict=True):
                 for count, colour in zip(TRIANGLES, COLOURS, strict=False):
                     axis.plot(
                         frames, depths[method, count], color=colour, label=f"{count:,} triangles"
                     )
-                axis.plot(frames, exact, color="black", ls=(0, (4, 2)), lw=1.4, label="exact")
+                axis.plot(
+                    frames,
+                    exact[method, last],
+                    color="black",
+                    ls=(0, (4, 2)),
+                    lw=1.4,
+                    label="exact",
+                )
                 axis.set_xlim(*window)
-                shown = exact[slice(window[0], window[1] + 1)]
+                shown = most[slice(window[0], window[1] + 1)]
                 axis.set_ylim(0.0, 1.35 * float(shown.max(initial=1e-3)))
                 axis.set_title(method)
                 axis.set_xlabel("frame")
             axes[0].set_ylabel("penetration, mm")
-            axes[1].legend(loc="upper right", ncols=2)
+            axes[2].legend(loc="upper right", ncols=2)
             caption = (
                 "Penetration over the trajectory."
                 if window[0] == 0

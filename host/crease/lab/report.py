@@ -67,9 +67,9 @@ def _section(result: Result, folder: Path) -> str:
 _ABOUT = (
     "The contact experiments of Hernantes, Borro and Garcia-Alonso (2007), Stable haptic response for complex "
     "interactions, run again with crease. A rigid tool is led along given poses through a rigid mock-up; each pose "
-    "gives a force. As published: the paper's method, samples of the tool count as in or out. Ours, or zones: the "
-    "method of crease, a sample counts by the part of it that is inside. Exact: from mesh booleans, computed by other "
-    "code. A tick is one pose, 1 ms."
+    "gives a force. Way out: crease, the shortest translation that leads the tool out. Extent: the paper's "
+    "contact-zone method, a sample counts by the part of it that is inside; as published: by in or out. Exact: from "
+    "mesh booleans and planes, computed by other code. A tick is one pose, 1 ms."
 )
 
 

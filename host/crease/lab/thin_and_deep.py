@@ -14,8 +14,9 @@ from crease.replay.replay import ReplayOptions, run_path
 
 STIFFNESS_N_M = 1000.0
 METHODS = {
-    "zones": ReplayOptions(stiffness_N_m=STIFFNESS_N_M),
-    "as published": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, coverage="hard"),
+    "way out": ReplayOptions(stiffness_N_m=STIFFNESS_N_M),
+    "extent": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="extent"),
+    "as published": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="extent", coverage="hard"),
     "sphere proxy": ReplayOptions(stiffness_N_m=STIFFNESS_N_M, response="sphere_proxy"),
 }
 WRONG_SHARE = 0.2
@@ -64,7 +65,7 @@ def run(setup: Setup) -> Result:
         "Where it breaks: thin and deep",
         "The tick answers each pose as it stands, without a memory of where the tool came from. "
         "Expected: the way back to where the "
-        "tool was pushed in. Exact d*: what the method converges to, from booleans. Through a "
+        "tool was pushed in. Exact extent: what the contact-zone method converges to, from booleans. Through a "
         "plate it is the plate's thickness, fully "
         "inside nothing, and in a round hole the whole width of the crescent that overlaps, many "
         "times the true depth: it is the "
@@ -82,8 +83,8 @@ def run(setup: Setup) -> Result:
             "expected_mm": case.expected_mm,
             "defined_mm": defined,
         }
-        felt.setdefault(case.name, {})["exact d*"] = defined
-        rows.append((case.about, "exact d*", *_where_wrong(case, defined)))
+        felt.setdefault(case.name, {})["exact extent"] = defined
+        rows.append((case.about, "exact extent", *_where_wrong(case, defined)))
         for name, options in METHODS.items():
             if name == "sphere proxy" and case.tool != "ball15":
                 continue
@@ -105,7 +106,7 @@ def run(setup: Setup) -> Result:
     )
     _draw(setup, result, found, felt)
     result.found += [
-        f"{case.about}: zones are right up to {_where_wrong(case, felt[case.name]['zones'])[0]} mm."
+        f"{case.about}: the way out is right up to {_where_wrong(case, felt[case.name]['way out'])[0]} mm."
         for case in found
     ]
     return result

@@ -17,7 +17,7 @@ from crease.replay.replay import ReplayOptions, make_config
 from crease.replay.trajectory import Trajectory
 
 TRIANGLES = (50, 100, 350, 800, 2700)
-PHASES = ("detect", "zones", "normal", "penetration")
+PHASES = ("detect", "relate", "depth", "resolve")
 SPHERES = {"with spheres": skip_mask(["all"]), "without spheres": 0}
 
 ROW = record("cr_phases_row")
@@ -43,9 +43,9 @@ def run(setup: Setup) -> Result:
     result = Result(
         "timing",
         "Time of each phase",
-        "The trajectory of the penetration experiment. Detect finds the samples inside; zones "
-        "joins them; normal weighs the zones and "
-        "gives area normal and contact plane; penetration finds the deepest point. Least of "
+        "The trajectory of the penetration experiment. Detect finds the samples inside, and what each "
+        "piece of the tool is inside of; relate makes half-spaces of it, with their normals; depth measures how "
+        "far each leads out; resolve lets all push at once, and reports. Least of "
         f"{setup.repeat} runs of each pose, median over the poses in contact. Without spheres "
         "every sample of the tool is looked up "
         f"in every tick. Machine: {machine()}.",

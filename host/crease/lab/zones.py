@@ -1,4 +1,4 @@
-"""Areas and zones in colour: figure 2 of the paper, from the tick's own zones and the exact collided surface."""
+"""Areas and zones in colour: figure 2 of the paper, from the contact-zone method and the exact collided surface."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def run(setup: Setup) -> Result:
         "zones",
         "Contact areas and contact zones",
         "The collided surface of the static object, cut out exactly, coloured by the zone that "
-        "the tick has there; a thin arrow at each "
+        "the contact-zone method (response extent) has there; a thin arrow at each "
         "zone's centre is its normal, the thick one the force of its area. The tool is drawn as its edges.",
     )
     rows: list[tuple[object, ...]] = []
     columns: dict[str, list[float]] = {}
     for number, case in enumerate(CASES):
         scene = setup.scene(case.static, case.tool, *case.sizes_mm)
-        out = World(scene, ReplayOptions(stiffness_N_m=STIFFNESS_N_M)).tick(case.pose)
+        out = World(scene, ReplayOptions(STIFFNESS_N_M, response="extent")).tick(case.pose)
         pieces = overlap(make_solids(setup.mesh(case.static), setup.mesh(case.tool)), case.pose)
         for a, area in enumerate(_areas(out)):
             for z, zone in enumerate(area["zones"]):

@@ -30,6 +30,7 @@ from crease.loop.hil import (
     lead_in,
     resample,
 )
+from crease.replay.replay import DEFAULT_RESPONSE
 from crease.replay.trajectory import Trajectory, check_rows
 
 F64 = npt.NDArray[np.float64]
@@ -70,7 +71,7 @@ class Setup:
     """
 
     stiffness_N_m: float = 1000.0
-    response: str = "zones"
+    response: str = DEFAULT_RESPONSE
     hand: Hand = NORMAL_GRIP
     delay_s: float | None = None
     damping_Ns_m: float | None = None

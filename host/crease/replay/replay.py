@@ -33,13 +33,20 @@ COLUMNS = (*ANSWER_COLUMNS, *PATH_COLUMNS[1:])
 """Columns of a table of ticks, in the order of the file. The last are the pose: a table is a path too."""
 
 
+DEFAULT_RESPONSE = "way_out"
+"""What the library has. Every other response is a rival (firmware/rivals), for comparison on the host."""
+
+
 @dataclass(frozen=True)
 class ReplayOptions:
-    """Settings of the world. Names of response and coverage as in `native.RESPONSES`, `native.COVERAGES`."""
+    """Settings of the world. Names of response and coverage as in `native.RESPONSES`, `native.COVERAGES`.
+
+    coverage and vertices_only other than these: only with a response of rivals/.
+    """
 
     stiffness_N_m: float = 1000.0
     damping_Ns_m: float = 0.0
-    response: str = "zones"
+    response: str = DEFAULT_RESPONSE
     coverage: str = "soft"
     force_max_N: float | None = None
     skip: int | None = None
@@ -48,7 +55,17 @@ class ReplayOptions:
 
 
 def make_config(options: ReplayOptions) -> Any:
-    """A cffi `cr_config *`: the firmware's defaults with the options laid over them."""
+    """A cffi `cr_config *`: the firmware's defaults with the options laid over them.
+
+    Errors: SceneError for a coverage that is not for this response.
+    """
+    if options.response == DEFAULT_RESPONSE and (
+        options.coverage != "soft" or options.vertices_only
+    ):
+        what = "vertices_only" if options.vertices_only else f"coverage {options.coverage}"
+        raise SceneError(
+            f"{what}: {DEFAULT_RESPONSE} weighs every sample by its depth; use response extent, the method as published"
+        )
     config = ffi.new("cr_config *", lib.cr_config_default())
     config.stiffness_N_m = options.stiffness_N_m
     config.damping_Ns_m = options.damping_Ns_m

@@ -15,7 +15,7 @@ from crease.base.native import COVERAGES, RESPONSES, ffi, lib
 from crease.base.records import record
 from crease.base.scene import Scene
 from crease.base.table import check_suffix, check_target, write_table
-from crease.replay.replay import ReplayOptions, to_columns
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, to_columns
 from crease.replay.replay import World as Engine
 from crease.replay.trajectory import Trajectory, check_rows
 
@@ -198,7 +198,7 @@ class World:
         *,
         stiffness: float = 1000.0,
         damping: float = 0.0,
-        response: str = "zones",
+        response: str = DEFAULT_RESPONSE,
         coverage: str = "soft",
         force_max: float | None = None,
     ) -> None:
@@ -206,8 +206,8 @@ class World:
 
         scene: baked, opened, or the path of its file. stiffness: N/m, 0 to 1e6. damping: N s/m, 0 to 1e4, along the
         normal, never pulling. response: how contact becomes force, a key of `crease.RESPONSES`. coverage: `soft`, a
-        sample counts by its part that is inside; `hard`, in or out. force_max: N, 1e-6 to 1e6, limit of |force|;
-        None: 100.
+        sample counts by its part that is inside; `hard`, in or out, not with `way_out`. force_max: N, 1e-6 to 1e6,
+        limit of |force|; None: 100.
         Errors   SceneError for a setting out of range or an unknown name.   Cost  about 72 kB and a millisecond.
         Source   firmware/crease.h `cr_config`; firmware/rivals/README.md for responses of other authors.
         """

@@ -12,6 +12,7 @@ import numpy as np
 from crease.base.progress import Progress
 from crease.base.scene import open_scene
 from crease.base.table import check_suffix, check_target, write_bytes, write_table
+from crease.replay.replay import DEFAULT_RESPONSE
 from crease.replay.trajectory import load_trajectory
 from crease.verbs.common import (
     SubParsers,
@@ -90,8 +91,8 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "--response",
         metavar="NAME",
-        default="zones",
-        help="as for `crease replay` (in process; default: zones)",
+        default=DEFAULT_RESPONSE,
+        help=f"as for `crease replay` (in process; default: {DEFAULT_RESPONSE})",
     )
     add_json(parser)
     add_force(parser)
@@ -102,7 +103,7 @@ _ELSEWHERE = {
     "device": "--device: only with -i inprocess; start `crease sim --device` and `creased` by hand",
     "fault": "--fault: only with -i inprocess; start `crease sim --fault` and `creased` by hand",
     "log": "--log: only with -i inprocess; run `crease bus -o LOG` beside it",
-    "response": "--response: only with -i inprocess; creased has the zones alone",
+    "response": "--response: only with -i inprocess; creased has way_out alone",
 }
 """What to do on a real interface about the options that this program cannot give."""
 
@@ -124,7 +125,7 @@ def run(args: argparse.Namespace) -> None:
     scene, path = open_scene(args.scene), load_trajectory(args.operator)
     if args.interface == "socketcan":
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
-        if given or args.response != "zones":
+        if given or args.response != DEFAULT_RESPONSE:
             raise LoopError(_ELSEWHERE[(*given, "response")[0]])
         with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
             record = Path(folder) / "run.crr"

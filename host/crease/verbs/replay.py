@@ -14,7 +14,7 @@ from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, write_table
 from crease.base.units import format_length
 from crease.replay.recording import is_recording
-from crease.replay.replay import ReplayOptions, run_path, to_columns
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import Trajectory, load_trajectory
 from crease.verbs.common import (
     SubParsers,
@@ -78,14 +78,15 @@ def add_parser(sub: SubParsers) -> None:
         "--response",
         metavar="NAME",
         choices=list(RESPONSES),
-        default="zones",
-        help=f"how contact becomes force: {', '.join(RESPONSES)} (default: zones)",
+        default=DEFAULT_RESPONSE,
+        help=f"how contact becomes force: {', '.join(RESPONSES)} (default: {DEFAULT_RESPONSE})",
     )
     parser.add_argument(
         "--coverage",
         choices=list(COVERAGES),
         default="soft",
-        help="soft: a sample counts by the part of it that is inside; hard: in or out, as published (default: soft)",
+        help="soft: a sample counts by the part of it that is inside; hard: in or out, as published, with extent and "
+        "the other responses that way_out is compared with (default: soft)",
     )
     parser.add_argument(
         "--lookups",

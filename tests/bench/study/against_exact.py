@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from crease.base.errors import CreaseError
 from crease.base.scene import Scene
 from crease.lab.setup import Setup
-from crease.replay.measures import Accuracy, Felt, compare, motion_m
+from crease.replay.measures import Accuracy, Felt, amplification, compare, motion_m
 from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory
 
@@ -35,12 +36,31 @@ class BenchSetup(Setup):
     responses: tuple[str, ...] = ()
     search: bool = False
 
-    def exact_of(self, path: str) -> Exact:
-        """The exact table of a path, thinned out as the path is.   Errors: CreaseError."""
-        file = self.exact / f"{path}.csv.gz"
-        if not file.exists():
-            raise CreaseError(f"{file}: is missing; name the folder of exact tables with --exact")
-        return {name: column[:: self.every] for name, column in read_exact(file).items()}
+    def exact_of(self, path: str, options: ReplayOptions) -> Exact | None:
+        """The exact table of a path for a response, thinned out as the path is; None where it has none.
+
+        Errors: CreaseError for a folder without tables.
+        """
+        folder = table_folder(self.exact, options)
+        if not any(folder.glob("*.csv.gz")):
+            raise CreaseError(f"{folder}: has no exact tables; name their folder with --exact")
+        found = exact_of(self.exact, f"{path}.csv.gz", options)
+        return found and {name: column[:: self.every] for name, column in found.items()}
+
+
+OF_EXTENT = ("extent", "fixed45")
+"""Responses that stand for the extent of the overlap. All others are judged by the way out."""
+
+
+def table_folder(exact: Path, options: ReplayOptions) -> Path:
+    """Where the exact tables of a response are: in `exact`, or beside it, for OF_EXTENT."""
+    return exact.with_name(f"{exact.name}_extent") if options.response in OF_EXTENT else exact
+
+
+def exact_of(exact: Path, file: str | None, options: ReplayOptions) -> Exact | None:
+    """The exact table of a scene for a response; None where there is none."""
+    path = table_folder(exact, options) / (file or "none")
+    return read_exact(path) if path.exists() else None
 
 
 def read_exact(path: Path) -> Exact:
@@ -70,14 +90,21 @@ def exact_felt(exact: Exact, stiffness_N_m: float) -> Felt:
     return Felt(exact_force_N(exact, stiffness_N_m), depth_m, torque_m2 * stiffness_N_m)
 
 
-def measure(scene: Scene, path: Trajectory, exact: Exact, options: ReplayOptions) -> Accuracy:
-    """One replay against the exact table of its path."""
+def measure(
+    scene: Scene, path: Trajectory, exact: Exact | None, options: ReplayOptions
+) -> Accuracy:
+    """One replay against the exact table of its path. Without one, NaN but for the largest amplification."""
     rows = run_path(scene, path, options)
     felt = Felt(*(rows[name].astype(np.float64) for name in ("force_N", "depth_m", "torque_Nm")))
+    moved_m = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
+    if exact is None:
+        nan, found = math.nan, amplification(felt.force_N, options.stiffness_N_m, moved_m)
+        ticks = int((felt.depth_m > 0).sum())
+        return Accuracy(nan, nan, nan, nan, nan, nan, nan, nan, found, nan, nan, nan, ticks)
     return compare(
         felt,
         exact_felt(exact, options.stiffness_N_m),
         options.stiffness_N_m,
         float(scene.meta.tool_radius_m),
-        motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene)),
+        moved_m,
     )

@@ -17,7 +17,7 @@ from crease.replay.trajectory import Trajectory
 from study.against_exact import BenchSetup, Exact, exact_force_N, measure
 from study.cost import cost_of, instructions
 from study.pareto_figure import draw
-from study.points import OURS, Point, read_points, verdict, write_records
+from study.points import OURS, ZONES, Point, read_points, verdict, write_records
 from study.sweeps import MAIN, SWEEPS, Sweep
 
 POINTS_CSV = "pareto.csv"
@@ -44,8 +44,10 @@ def cases_of(setup: BenchSetup, sweep: Sweep) -> list[Case]:
     """What is measured on a path. Baking is what takes long: a quick look leaves out all that needs other images."""
     soft = ReplayOptions()
     base = setup.scene(sweep.static, sweep.tool, *sweep.base_mm)
-    cases = [Case(sweep, OURS, "zones", base, soft)]
-    cases.append(Case(sweep, "hard coverage", "hard", base, ReplayOptions(coverage="hard")))
+    cases = [Case(sweep, OURS, "way out", base, soft)]
+    extent = ReplayOptions(response="extent")
+    cases.append(Case(sweep, ZONES, "extent", base, extent))
+    cases.append(Case(sweep, ZONES, "published", base, replace(extent, coverage="hard")))
     cases += [
         Case(sweep, "rival response", n, base, ReplayOptions(response=n)) for n in sweep.rivals
     ]
@@ -67,8 +69,9 @@ def cases_of(setup: BenchSetup, sweep: Sweep) -> list[Case]:
     return cases
 
 
-def _point(setup: BenchSetup, case: Case, path: Trajectory, exact: Exact) -> Point:
+def _point(setup: BenchSetup, case: Case, path: Trajectory) -> Point:
     """Time and error of a case; its instructions are counted later."""
+    exact = setup.exact_of(case.sweep.path, case.options)
     cost = cost_of(case.scene, path, case.options, setup.repeat)
     found = measure(case.scene, path, exact, case.options)
     median_deg, silent = _directions(case.scene, path, exact, case.options)
@@ -83,9 +86,11 @@ def _point(setup: BenchSetup, case: Case, path: Trajectory, exact: Exact) -> Poi
 
 
 def _directions(
-    scene: Scene, path: Trajectory, exact: Exact, options: ReplayOptions
+    scene: Scene, path: Trajectory, exact: Exact | None, options: ReplayOptions
 ) -> tuple[float, float]:
-    """Median direction error, NaN when it is silent; share of the deep ticks without a force."""
+    """Median direction error, NaN when silent or nothing exact is known; share of the deep ticks without a force."""
+    if exact is None:
+        return math.nan, 0.0
     force = run_path(scene, path, options)["force_N"].astype(np.float64)
     true = exact_force_N(exact, options.stiffness_N_m)
     deep = np.linalg.norm(true, axis=1) > options.stiffness_N_m * DEEP_M
@@ -95,17 +100,18 @@ def _directions(
 
 
 def _sweep(setup: BenchSetup, sweep: Sweep) -> list[Point]:
-    path, exact = setup.path(sweep.path), setup.exact_of(sweep.path)
+    path = setup.path(sweep.path)
     cases = cases_of(setup, sweep)
-    points = [_point(setup, case, path, exact) for case in cases]
+    points = [_point(setup, case, path) for case in cases]
     if not setup.quick:
         counts = instructions([(case.scene, path, case.options) for case in cases])
         points = [replace(p, instructions=count) for p, count in zip(points, counts, strict=True)]
-    return [*points, _exact_point(setup, sweep, path, exact)]
+    exact = setup.exact_of(sweep.path, ReplayOptions(response="extent"))
+    return [*points, *([_exact_point(setup, sweep, path, exact)] if exact else [])]
 
 
 def _exact_point(setup: BenchSetup, sweep: Sweep, path: Trajectory, exact: Exact) -> Point:
-    """The boolean of the two meshes: no error but the table's rounding, and its time."""
+    """The extent of the overlap from a boolean of the two meshes: no error but the table's rounding, and its time."""
     solids = make_solids(setup.mesh(sweep.static), setup.mesh(sweep.tool))
     deep = np.flatnonzero(exact["depth_mm"] > 0)
     times = []
@@ -127,7 +133,8 @@ def run(setup: BenchSetup) -> Result:
     result = Result(
         "pareto",
         "Run time against error",
-        "Time of a tick (libraries: of a query) against its error over recorded paths. Time is the least of "
+        "Time of a tick (libraries: of a query) against its error over recorded paths: from the exact way out; extent, "
+        "published and fixed45 from the exact extent, which they stand for. Time is the least of "
         f"{setup.repeat} runs of each pose, median over the poses in contact. Machine: {machine()}.",
     )
     peers = read_points(setup.peers) if setup.peers else []

@@ -21,7 +21,7 @@ GROUPS = {
     "voxel size": ("s", COLOURS[0], 42),
     "sample spacing": ("o", COLOURS[2], 42),
     "tessellation": ("^", COLOURS[5], 46),
-    "hard coverage": ("P", COLOURS[6], 60),
+    "contact zones": ("P", COLOURS[6], 60),
     "rival response": ("D", COLOURS[3], 46),
     "rival library": ("X", COLOURS[7], 62),
     "exact boolean": ("h", COLOURS[4], 80),

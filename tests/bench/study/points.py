@@ -12,8 +12,11 @@ from typing import Any
 
 from crease.base.errors import CreaseError
 
-OURS = "zones, default"
+OURS = "way out, default"
 """Group of the point that all others are judged by, one for each scene."""
+
+ZONES = "contact zones"
+"""Group of the contact-zone method: by the extent of the overlap, and as published."""
 
 RIVALS = ("rival response", "rival library")
 """Groups that are other people's methods. The others are settings of ours, and the exact boolean."""

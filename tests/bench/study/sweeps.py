@@ -26,7 +26,8 @@ class Sweep:
     def rivals(self) -> list[str]:
         """Responses made for such a tool: a point for god_object, also a ball for sphere_proxy, any for the rest."""
         fits = {
-            "zones": False,
+            "way_out": False,
+            "extent": False,
             "god_object": self.is_point,
             "sphere_proxy": self.is_round or self.is_point,
         }

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cover
-import exact
+import extent_tables
 import make
 import manifold3d as mf
 import numpy as np
@@ -159,8 +159,8 @@ def test_committed_table_is_what_the_program_computes(name: str, tmp_path: Path)
         bodies.append(way_out.make_body(overlap.make_solid(*overlap.read_stl(path))))
     trace_file = tmp_path / "path.csv"
     trace_file.write_bytes(make.csv_bytes(make_path(scene["path"])))
-    trace = exact.read_path(trace_file)
-    with gzip.open(HERE.parent / "exact_new" / scene["exact"], "rt") as stream:
+    trace = extent_tables.read_path(trace_file)
+    with gzip.open(HERE.parent / "exact" / scene["exact"], "rt") as stream:
         table = np.loadtxt(stream, delimiter=",", skiprows=1)
     assert len(table) == len(trace.t_s)
     matrix = trace.attitude.as_matrix()

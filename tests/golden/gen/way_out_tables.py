@@ -2,7 +2,7 @@
 
     python tests/golden/gen/way_out_tables.py SCENE|all [--every N] [--skip SCENE] [-o DIR]
 
-Reads meshes/scenes.toml and build/meshes (made by meshes/make.py), writes tests/golden/exact_new/NAME.csv.gz: the same
+Reads meshes/scenes.toml and build/meshes (made by meshes/make.py), writes tests/golden/exact/NAME.csv.gz: the same
 bytes on every run, columns as in README.md; `areas` is the number of contacts that push. Definitions: force/README.md.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from exact import Floats, chosen_ticks, read_path, summary, write_tables
+from extent_tables import Floats, chosen_ticks, read_path, summary, write_tables
 from overlap import make_solid, read_stl
 from way_out import contact, make_body
 
@@ -44,4 +44,4 @@ def solve_scene(scene: dict[str, Any], meshes: Path, every: int) -> tuple[Floats
 
 
 if __name__ == "__main__":
-    write_tables("Exact way out of the test scenes.", "exact_new", solve_scene)
+    write_tables("Exact way out of the test scenes.", "exact", solve_scene)

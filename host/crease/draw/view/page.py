@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from crease.bake.bodies import Body, read_bodies, reduce_body
 from crease.base.errors import SceneError, TableError
-from crease.base.native import COVERAGES
 from crease.base.scene import Scene
 from crease.draw.plot import forces_N, torques_Nm, turn_deg
 from crease.draw.view.felt import amplifications, areas_of, jumps, moved_m, start_s, stiffness_N_m
@@ -72,7 +71,7 @@ class _Made:
     scene: Scene
     packer: Packer = field(default_factory=Packer)
     warnings: list[str] = field(default_factory=list)
-    contacts: list[tuple[Trajectory, str, Contacts]] = field(default_factory=list)
+    contacts: list[tuple[Trajectory, ReplayOptions, Contacts]] = field(default_factory=list)
 
 
 def path_of(replay: Replay) -> Trajectory:
@@ -127,20 +126,20 @@ def _check_scene(made: _Made, replay: Replay, contacts: Contacts, differ: int) -
 
 
 def _contacts_of(made: _Made, replay: Replay, path: Trajectory) -> int:
-    """Index into made.contacts. The coverage is the one that gives the table's counts of areas, zones and samples.
+    """Index into made.contacts. The method is the one that gives the table's counts of areas, zones and samples.
 
     Errors: SceneError when the table is of another scene.
     """
     best, least = 0, len(path) + 1
-    for coverage in COVERAGES:
+    for method in METHODS:
         known = [
             i
             for i, (other, kind, _) in enumerate(made.contacts)
-            if kind == coverage and np.array_equal(other.rows, path.rows)
+            if kind == method and np.array_equal(other.rows, path.rows)
         ]
         if not known:
             known = [len(made.contacts)]
-            made.contacts.append((path, coverage, find_contacts(made.scene, path, coverage)))
+            made.contacts.append((path, method, find_contacts(made.scene, path, method)))
         differ = _disagreement(replay, made.contacts[known[0]][2])
         if differ < least:
             best, least = known[0], differ

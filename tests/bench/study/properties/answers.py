@@ -17,8 +17,9 @@ F64 = npt.NDArray[np.float64]
 TICK_S = 1e-3
 
 RESPONSES = (
-    ("zones", ReplayOptions()),
-    ("published", ReplayOptions(coverage="hard")),
+    ("way_out", ReplayOptions()),
+    ("extent", ReplayOptions(response="extent")),
+    ("published", ReplayOptions(response="extent", coverage="hard")),
     *(
         (name, ReplayOptions(response=name))
         for name in (

@@ -37,7 +37,7 @@ PATHS_SHOWN = (
     "pocket",
     "ball_pin",
 )
-SHOWN = ("zones", "extent", "published", "fixed45", "sphere_proxy")
+SHOWN = ("way_out", "extent", "published", "fixed45", "sphere_proxy")
 """Scenes and responses of the figure of forces along the path: those whose way out is known at every tick."""
 KEPT, BROKEN, UNASKED = "#009E73", "#D55E00", "#f4f4f4"
 LIBRARIES = ("ODE", "libccd", "Bullet GImpact", "Bullet hull", "MuJoCo SDF", "FCL", "Coal")

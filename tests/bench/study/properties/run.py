@@ -99,7 +99,7 @@ def run(setup: BenchSetup) -> Result:
 def run_search(setup: BenchSetup) -> Result:
     """The worst poses near the paths of some scenes, as CSV and table.   Errors: CreaseError."""
     scenes = choose_scenes(load_scenes(setup.property_scenes), setup.scenes or SEARCHED)
-    responses = choose_responses(setup.responses or ("zones",), setup.quick)
+    responses = choose_responses(setup.responses or RESPONSES[0][:1], setup.quick)
     found: list[Worst] = []
     code = bake_digest()
     for scene in scenes:

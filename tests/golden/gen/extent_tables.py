@@ -1,9 +1,9 @@
-"""Exact reference of every scene: forces, depths and normals from mesh booleans.
+"""Exact extent of the overlap in every scene, what the contact-zone method stands for, from mesh booleans.
 
-    python tests/golden/gen/exact.py SCENE|all [--every N] [--skip SCENE] [-o DIR]
+    python tests/golden/gen/extent_tables.py SCENE|all [--every N] [--skip SCENE] [-o DIR]
 
 Reads meshes/scenes.toml and build/meshes (made by meshes/make.py), writes
-tests/golden/exact/NAME.csv.gz: the same bytes on every run. Definitions and columns: README.md
+tests/golden/exact_extent/NAME.csv.gz: the same bytes on every run. Definitions and columns: README.md
 beside this file. With --every N only the ticks i, i + 1 with i divisible by N are computed (pairs,
 so that steps per tick can still be measured).
 """
@@ -155,4 +155,8 @@ def write_tables(about: str, folder: str, solve: Solve) -> None:
 
 
 if __name__ == "__main__":
-    write_tables("Exact reference of the test scenes from mesh booleans.", "exact", solve_scene)
+    write_tables(
+        "Exact extent of the overlap in the test scenes, from mesh booleans.",
+        "exact_extent",
+        solve_scene,
+    )

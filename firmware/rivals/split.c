@@ -1,5 +1,5 @@
-/* split: concave creases part the zones of an area into groups that answer with a plane each. DESIGN.md "Concave creases". */
-#include "contact/respond.h"
+/* split: concave creases part the zones of an area into groups that answer with a plane each. EXTENT.md "Concave creases". */
+#include "rivals/extent.h"
 
 /* Zones of one area that meet each zone, as bits. The label of their crease decides. Where they share creases of both kinds it is
  * concave when each lies above the plane of the other; zones that share none are beside each other when each lies below. */

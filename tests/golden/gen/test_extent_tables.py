@@ -1,11 +1,11 @@
-"""Self-check of the exact reference: formulas, finite differences, the committed tables."""
+"""Self-check of the exact extent of the overlap: formulas, finite differences, the committed tables."""
 
 from __future__ import annotations
 
 import gzip
 from pathlib import Path
 
-import exact
+import extent_tables
 import make
 import manifold3d as mf
 import numpy as np
@@ -44,11 +44,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def load(built: Path, name: str) -> tuple[overlap.Solid, overlap.Solid, exact.Trace]:
+def load(built: Path, name: str) -> tuple[overlap.Solid, overlap.Solid, extent_tables.Trace]:
     scene = SCENES[name]
     bodies = (overlap.make_solid(*overlap.read_stl(built / scene[k])) for k in ("static", "tool"))
     static, tool = bodies
-    return static, tool, exact.read_path(built / scene["path"])
+    return static, tool, extent_tables.read_path(built / scene["path"])
 
 
 @pytest.mark.parametrize("depth", [1e-3, 0.5, 3.0])
@@ -143,19 +143,19 @@ def test_tessellation_of_flat_faces_does_not_matter(built: Path) -> None:
 @pytest.mark.parametrize("name", ["edge90_cube", "groove_block", "corner3_sphere", "bar_u"])
 def test_committed_table_is_what_the_program_computes(built: Path, name: str) -> None:
     static, tool, trace = load(built, name)
-    with gzip.open(HERE.parent / "exact" / SCENES[name]["exact"], "rt") as stream:
+    with gzip.open(HERE.parent / "exact_extent" / SCENES[name]["exact"], "rt") as stream:
         table = np.loadtxt(stream, delimiter=",", skiprows=1)
     assert len(table) == len(trace.t_s)
     matrix = trace.attitude.as_matrix()
     for i in range(0, len(table), 97):
         found = overlap.contact(static, tool, matrix[i], trace.position_mm[i])
-        row = exact.row_of(found, float(trace.t_s[i]), trace.position_mm[i])
+        row = extent_tables.row_of(found, float(trace.t_s[i]), trace.position_mm[i])
         assert row == pytest.approx(table[i], rel=1e-5, abs=2e-5)
 
 
 def test_the_stylus_feels_what_a_point_feels() -> None:
     """Its tip against floor and wall, in closed form: depth below z = 0 and beyond x = 20 mm, in a convex room."""
-    with gzip.open(HERE.parent / "exact" / SCENES["groove_stylus"]["exact"], "rt") as stream:
+    with gzip.open(HERE.parent / "exact_extent" / SCENES["groove_stylus"]["exact"], "rt") as stream:
         table = np.loadtxt(stream, delimiter=",", skiprows=1)
     tip, _ = scene_paths.PATHS["groove_stylus"]()
     point = np.zeros((len(tip), 3))
@@ -172,7 +172,7 @@ def test_the_stylus_feels_what_a_point_feels() -> None:
     "name", sorted({scene["path"].removesuffix(".csv") for scene in SCENES.values()})
 )
 def test_committed_table_starts_and_ends_in_free_space(name: str) -> None:
-    with gzip.open(HERE.parent / "exact" / f"{name}.csv.gz", "rt") as stream:
+    with gzip.open(HERE.parent / "exact_extent" / f"{name}.csv.gz", "rt") as stream:
         table = np.loadtxt(stream, delimiter=",", skiprows=1)
     assert np.isfinite(table).all()
     assert np.diff(table[:, 0]) == pytest.approx(0.001, abs=1e-9)

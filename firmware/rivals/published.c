@@ -1,5 +1,5 @@
 /* published: the contact plane to the letter of [1], for comparison. DESIGN.md "The method as published". */
-#include "contact/respond.h"
+#include "rivals/extent.h"
 
 /* Sweeps over the zones' planes to find their common point; two planes at 30 degrees converge by 0.75 a sweep. */
 #define COMMON_POINT_SWEEPS 24

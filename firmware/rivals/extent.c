@@ -1,8 +1,8 @@
-/* respond: from zones to normal, contact plane and depth of each area. DESIGN.md "Zones and area normal".
+/* extent: from zones to normal, contact plane and depth of each area. EXTENT.md "Zones and area normal".
  *
  * Weights of the zones by cone decomposition, plane, depth and splitting at concave creases are the same for every response; a
  * response may turn the normal. The method as published (hard coverage) has its own path. */
-#include "contact/respond.h"
+#include "rivals/extent.h"
 
 /* Pull of a zone's weight to the tool area facing it: breaks ties between dependent zones; larger biases the direction. */
 #define PULL_FACING 1e-3f
@@ -277,7 +277,7 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
     cr_group groups[CR_ZONES_MAX];
     uint32_t made = 0u;
     cr_vec3 s = xform_rotate(in->world_from_tool, v3(-a->sum.ax, -a->sum.ay, -a->sum.az));
-    if (in->config->coverage == CR_COVERAGE_HARD && in->config->response == CR_RESPONSE_ZONES) {
+    if (in->config->coverage == CR_COVERAGE_HARD && in->config->response == CR_RESPONSE_EXTENT) {
         return cr_answer_as_published(in, index, a, s, out);
     }
     weigh_by_cone(in, a, s, w.alpha);
@@ -301,11 +301,6 @@ static uint32_t answer_area(const cr_respond_input *in, uint32_t index, const cr
 uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
                     cr_stats *stats) {
     uint32_t made = 0u;
-#ifdef CR_RIVALS
-    if (in->config->response > CR_RESPONSE_WAY_OUT) {
-        return cr_respond_as_rival(in, areas, out, out_max);
-    }
-#endif
     for (uint32_t i = 0; i < areas->count; i++) {
         const cr_area_work *a = &areas->areas[i];
         if (a->zone_count == 0u || !(a->sum.area > 0.0f)) {

@@ -1,6 +1,6 @@
-/* What the parts of the respond stage share: respond.c, depth.c, split.c, published.c. Internal to that stage. */
-#ifndef CR_RESPOND_H
-#define CR_RESPOND_H
+/* The response extent, and what its parts share: zones.c, extent.c, split.c, top.c, lowest.c, published.c. EXTENT.md. */
+#ifndef CR_EXTENT_H
+#define CR_EXTENT_H
 
 #include "contact/stages.h"
 
@@ -41,5 +41,18 @@ uint32_t cr_answer_as_published(const cr_respond_input *in, uint32_t index, cons
 
 /* Purpose  zones, weights and size of an answer. */
 void cr_report_area(const cr_area_work *area, const float *alpha, const float *share, cr_area *out);
+
+/* Purpose  group the hits into contact areas (connected pieces of tool surface) and the touches of each area into contact
+ *          zones (one per smooth static patch).
+ * Shapes   hit_of_cluster[scene->cluster_count], all CR_HIT_NONE before and after.
+ * Output   set->hits[].area, *areas.   Source  EXTENT.md "Zones and area normal" [1]. */
+void cr_zones(const cr_scene *scene, uint16_t *hit_of_cluster, cr_contact_set *set, cr_area_set *areas,
+              cr_stats *stats);
+
+/* Purpose  areas with normal, contact plane, depth and acting point: responses extent and fixed45. Concave creases split areas here.
+ * Output   out[0..return), no force yet; every number finite.   Cost  O(hits of the areas).
+ * Source   EXTENT.md "Zones and area normal", "Concave creases" [1]. */
+uint32_t cr_respond(const cr_respond_input *in, const cr_area_set *areas, cr_area *out, uint32_t out_max,
+                    cr_stats *stats);
 
 #endif

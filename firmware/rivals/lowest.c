@@ -1,5 +1,5 @@
-/* depth: the lowest point of the tool surface that is inside, for one group of zones. DESIGN.md "Contact plane and depth". */
-#include "contact/respond.h"
+/* lowest: the lowest point of the tool surface that is inside, for one group of zones. EXTENT.md "Contact plane and depth". */
+#include "rivals/extent.h"
 
 /* A piece has to land this close to the surface, beside the error of the distances, to count as inside. */
 #define LANDING_M 1e-6f

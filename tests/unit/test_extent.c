@@ -1,5 +1,5 @@
 /* Normal, contact plane and depth of contact areas, against closed forms. */
-#include "contact/respond.h"
+#include "rivals/extent.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -19,6 +19,12 @@ static cr_contact_set set;
 static cr_area_set area_set;
 static cr_stats stats;
 static cr_area areas[CR_AREAS_MAX];
+
+static cr_config extent_config(void) {
+    cr_config c = cr_config_default();
+    c.response = CR_RESPONSE_EXTENT;
+    return c;
+}
 
 static void open_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, HALF_M, SPACING_M, VOXEL_M); }
 
@@ -80,7 +86,7 @@ static void check_flat_wall(const cr_config *config) {
 static void respond_feels_a_static_corner_between_the_samples_of_a_face(void **state) {
     (void)state;
     crt_solid box = crt_box(-30e-3, 0.0, 30e-3, -30e-3, 0.0);
-    const cr_config config = cr_config_default();
+    const cr_config config = extent_config();
     const double root = 1.0 / sqrt(3.0), step_m = 10e-6, corner[3] = {0.0, 30e-3, 0.0};
     crt_rig rig;
     uint64_t seed = 23u;
@@ -111,7 +117,7 @@ static void respond_feels_a_static_corner_between_the_samples_of_a_face(void **s
 
 static void respond_depth_on_a_flat_wall_is_exact(void **state) {
     (void)state;
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     check_flat_wall(&config);
     config.vertices_only = 1u;
     check_flat_wall(&config);
@@ -119,7 +125,7 @@ static void respond_depth_on_a_flat_wall_is_exact(void **state) {
 
 static void respond_depth_on_a_flat_wall_is_exact_with_hard_coverage(void **state) {
     (void)state;
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     config.coverage = CR_COVERAGE_HARD;
     check_flat_wall(&config);
 }
@@ -132,7 +138,7 @@ static const double overlaps_m[][2] = {{3e-3, 3e-3}, {2e-3, 4e-3}, {5e-3, 2.5e-3
 static void respond_at_an_edge_follows_the_overlap_volume(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     open_cube(&rig, &block);
     for (size_t i = 0; i < sizeof overlaps_m / sizeof *overlaps_m; i++) {
@@ -153,7 +159,7 @@ static void respond_at_an_edge_follows_the_overlap_volume(void **state) {
 static void respond_weights_of_zones_are_areas_inside_the_tool(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     cr_pose pose;
     open_cube(&rig, &block);
@@ -203,7 +209,7 @@ static void respond_plane_of_two_zones_passes_through_their_edge(void **state) {
     (void)state;
     crt_solid solids[] = {crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0), crt_wedge(60.0 * PI / 180.0, 40e-3, 30e-3),
                           crt_wedge(120.0 * PI / 180.0, 40e-3, 30e-3)};
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     for (size_t i = 0; i < sizeof solids / sizeof *solids; i++) {
         check_plane_through_edge(&solids[i], &config, 2e-6);
     }
@@ -242,7 +248,7 @@ static void top_behind_planes_is_that_of_the_box_they_bound(void **state) {
 static void respond_hard_plane_of_two_zones_passes_through_their_edge(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     config.coverage = CR_COVERAGE_HARD;
     check_plane_through_edge(&block, &config, 2e-6);
 }
@@ -250,7 +256,7 @@ static void respond_hard_plane_of_two_zones_passes_through_their_edge(void **sta
 static void respond_plane_of_three_zones_passes_through_their_vertex(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 20e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     uint64_t seed = 23u;
     uint32_t seen = 0u;
@@ -274,7 +280,7 @@ static void respond_plane_of_three_zones_passes_through_their_vertex(void **stat
 static void respond_direction_is_hard_within_what_counting_gives(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     config.coverage = CR_COVERAGE_HARD;
     open_cube(&rig, &block);
@@ -294,7 +300,7 @@ static void respond_direction_is_hard_within_what_counting_gives(void **state) {
 static void respond_fixed45_gives_45_degrees_at_a_right_edge(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     config.response = CR_RESPONSE_FIXED45;
     open_cube(&rig, &block);
@@ -314,7 +320,7 @@ static void respond_fixed45_gives_45_degrees_at_a_right_edge(void **state) {
 static void respond_fixed45_is_the_zone_method_on_one_zone(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     cr_pose pose = crt_pose(1e-3, 2e-3, 6e-3);
     open_cube(&rig, &block);
@@ -335,7 +341,7 @@ static void respond_concave_creases_give_one_area_per_face(void **state) {
     crt_rig rig;
     open_cube(&rig, &room);
     const double push[][3] = {{2e-3, 0.0, 1e-3}, {0.5e-3, 0.0, 3e-3}, {2e-3, 1.5e-3, 1e-3}};
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     for (size_t i = 0; i < sizeof push / sizeof *push; i++) {
         double y = push[i][1] > 0.0 ? -6e-3 - push[i][1] : 0.0;
         cr_pose pose = crt_pose(-6e-3 - push[i][0], y, -6e-3 - push[i][2]);
@@ -357,7 +363,7 @@ static void respond_ball_on_ball_pushes_along_the_line_of_centres(void **state) 
     crt_solid ball = crt_ball(20e-3);
     crt_tool tool = crt_tool_new(1e-3);
     crt_rig rig;
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     uint64_t seed = 41u;
     crt_add_ball(&tool, 10e-3);
     crt_open(&rig, &ball, &tool, 1e-3, NULL);
@@ -383,7 +389,7 @@ static void respond_ball_on_ball_pushes_along_the_line_of_centres(void **state) 
 static void respond_force_acts_within_the_contact(void **state) {
     (void)state;
     crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     cr_pose pose = crt_pose(3e-3, -2e-3, 6e-3);
     open_cube(&rig, &block);
@@ -397,7 +403,7 @@ static void respond_force_acts_within_the_contact(void **state) {
 static void respond_writes_no_more_areas_than_there_is_room_for(void **state) {
     (void)state;
     crt_solid room = crt_room(-14e-3, 20e-3, 14e-3, -14e-3, 20e-3);
-    cr_config config = cr_config_default();
+    cr_config config = extent_config();
     crt_rig rig;
     cr_pose pose = crt_pose(-8e-3, -8e-3, -8e-3);
     open_cube(&rig, &room);
@@ -421,7 +427,7 @@ static void respond_depth_is_never_negative_and_the_normal_is_unit(void **state)
         crt_rig rig;
         open_cube(&rig, &solids[k]);
         for (int n = 0; n < 600; n++) {
-            cr_config config = cr_config_default();
+            cr_config config = extent_config();
             config.coverage = (uint32_t)n % 2u;
             config.response = (uint32_t)n / 2u % 2u;
             config.vertices_only = (uint32_t)n / 4u % 2u;
@@ -442,8 +448,24 @@ static void respond_depth_is_never_negative_and_the_normal_is_unit(void **state)
     }
 }
 
+static void extent_gives_no_force_in_free_space(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    crt_open_cube(&rig, &block, HALF_M, 1e-3, VOXEL_M);
+    cr_config config = extent_config();
+    crt_check_free(&rig, HALF_M, &config);
+    config.response = CR_RESPONSE_FIXED45;
+    crt_check_free(&rig, HALF_M, &config);
+    config = extent_config();
+    config.coverage = CR_COVERAGE_HARD;
+    crt_check_free(&rig, HALF_M, &config);
+    crt_close(&rig);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(extent_gives_no_force_in_free_space),
         cmocka_unit_test(respond_depth_on_a_flat_wall_is_exact),
         cmocka_unit_test(respond_depth_on_a_flat_wall_is_exact_with_hard_coverage),
         cmocka_unit_test(respond_at_an_edge_follows_the_overlap_volume),

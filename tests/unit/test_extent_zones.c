@@ -1,4 +1,5 @@
 /* Contact areas are connected pieces of tool, contact zones smooth pieces of the static surface. */
+#include "rivals/extent.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -11,7 +12,9 @@
 
 #define VOXEL_M 2e-3
 
-static cr_contact_set set;
+#define LOOKUPS 32u
+
+static cr_contact_set set, pieces;
 static cr_area_set areas;
 static cr_stats stats;
 
@@ -302,6 +305,113 @@ static void zones_keep_the_most_touched_and_count_the_rest(void **state) {
     }
 }
 
+static int lanes_are_beside(const struct cr_img_cluster *c, int a, int b, double limit_m) {
+    double x = (double)c->x[a] - (double)c->x[b], y = (double)c->y[a] - (double)c->y[b];
+    double z = (double)c->z[a] - (double)c->z[b];
+    return x * x + y * y + z * z < limit_m * limit_m;
+}
+
+/* What a cluster covers in one place is no part of what it covers in another. */
+static void touches_tell_covered_lanes_apart_that_do_not_touch(void **state) {
+    (void)state;
+    crt_solid room = crt_room(-15e-3, 15e-3, 20e-3, -20e-3, 20e-3);
+    crt_rig rig;
+    static const double box[1][6] = {{2e-3, 0.0, 1e-3, 12e-3, 9e-3, 7e-3}};
+    open_boxes(&rig, &room, box, 1);
+    const double limit_m = 1.6 * 1.5e-3;
+    uint64_t seed = 17u;
+    uint32_t parted = 0u;
+    for (int n = 0; n < 2000; n++) {
+        cr_pose pose = crt_pose(crt_uniform(&seed, -12e-3, 12e-3), crt_uniform(&seed, -12e-3, 12e-3), crt_uniform(&seed, -12e-3, 12e-3));
+        pose.rot = crt_random_rotation(&seed);
+        group(&rig, &pose);
+        for (uint32_t h = 0; h < set.hit_count; h++) {
+            const cr_hit *hit = &set.hits[h];
+            const struct cr_img_cluster *c = &rig.scene.clusters[hit->cluster];
+            for (uint32_t g = h + 1u; g < set.hit_count && set.hits[g].cluster == hit->cluster; g++) {
+                parted++;
+                assert_int_equal(hit->covered & set.hits[g].covered, 0);
+                for (int a = 0; a < CR_LANES; a++) {
+                    for (int b = 0; b < CR_LANES; b++) {
+                        int both = ((hit->covered >> a) & 1) && ((set.hits[g].covered >> b) & 1);
+                        assert_false(both && lanes_are_beside(c, a, b, limit_m));
+                    }
+                }
+            }
+        }
+    }
+    assert_true(parted > 10u);
+    crt_close(&rig);
+}
+
+static void touches_found_in_pieces_are_the_same_to_the_bit(void **state) {
+    (void)state;
+    crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    crt_open_cube(&rig, &block, 8e-3, 0.5e-3, VOXEL_M);
+    cr_search search;
+    cr_motion motion;
+    memset(&motion, 0, sizeof motion);
+    motion.wake_count = rig.scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    uint64_t seed = 3u;
+    uint32_t most = 0u;
+    for (int i = 0; i < 100; i++) {
+        cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
+        pose.rot = crt_random_rotation(&seed);
+        const xform at = xform_from_pose(&pose);
+        const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = LOOKUPS, .touches = 1u};
+        crt_find_areas(&rig, &pose, CR_SKIP_ALL, CR_COVERAGE_SOFT, &set, &areas, &stats);
+        memset(&search, 0, sizeof search);
+        cr_motion_advance(&motion, &pose);
+        int ended = 0;
+        while (!ended) {
+            memset(&stats, 0, sizeof stats);
+            ended = cr_detect(&rig.field, &at, &options, &motion, &search, &pieces, &stats);
+            assert_true(stats.points + stats.nodes <= LOOKUPS * CR_LANES);
+        }
+        most = search.calls > most ? search.calls : most;
+        assert_int_equal(pieces.hit_count, set.hit_count);
+        assert_int_equal(pieces.touch_count, set.touch_count);
+        for (uint32_t h = 0; h < set.hit_count; h++) {
+            pieces.hits[h].area = set.hits[h].area; /* set by the zones, which ran on one of the two */
+            assert_memory_equal(&pieces.hits[h].sum, &set.hits[h].sum, sizeof set.hits[h].sum);
+            assert_int_equal(pieces.hits[h].cluster, set.hits[h].cluster);
+            assert_int_equal(pieces.hits[h].covered, set.hits[h].covered);
+        }
+        assert_memory_equal(pieces.touches, set.touches, set.touch_count * sizeof *set.touches);
+    }
+    assert_true(most > 3u);
+    free(motion.wake_m);
+    crt_close(&rig);
+}
+
+/* A cube face-on in a wall: all its face inside, the sides by the part below the wall. */
+static void touches_coverage_of_a_face_is_exact(void **state) {
+    (void)state;
+    crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    crt_open_cube(&rig, &block, 8e-3, 2e-3, VOXEL_M);
+    for (uint32_t hard = 0; hard < 2u; hard++) {
+        for (int i = 1; i < 8; i++) {
+            double depth = 1e-3 + 0.7e-3 * i, up = 0.0, area = 0.0;
+            cr_pose pose = crt_pose(0.0, 0.0, 8e-3 - depth);
+            crt_find_areas(&rig, &pose, CR_SKIP_ALL, hard ? CR_COVERAGE_HARD : CR_COVERAGE_SOFT, &set, &areas, &stats);
+            for (uint32_t h = 0; h < set.hit_count; h++) {
+                up -= (double)set.hits[h].sum.az;
+                area += (double)set.hits[h].sum.area;
+            }
+            double side = hard ? 2e-3 * floor((depth + 1e-3) / 2e-3) : depth;
+            /* Edges and vertices have a thousandth of a sample each. */
+            assert_true(fabs(up - 256e-6) < 3e-7);
+            if (!(fabs(area - (256e-6 + 64e-3 * side)) < 64e-3 * 1e-5)) {
+                fail_msg("depth %g m: area %g, expected %g", depth, area, 256e-6 + 64e-3 * side);
+            }
+        }
+    }
+    crt_close(&rig);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(zones_one_piece_of_tool_is_one_area),
@@ -314,6 +424,9 @@ int main(void) {
         cmocka_unit_test(zones_curved_zone_points_where_the_surface_points),
         cmocka_unit_test(zones_merge_the_areas_that_do_not_fit_and_count_them),
         cmocka_unit_test(zones_keep_the_most_touched_and_count_the_rest),
+        cmocka_unit_test(touches_tell_covered_lanes_apart_that_do_not_touch),
+        cmocka_unit_test(touches_found_in_pieces_are_the_same_to_the_bit),
+        cmocka_unit_test(touches_coverage_of_a_face_is_exact),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,7 +3,7 @@
  * An area is a connected piece of tool surface in contact: neighbouring clusters that reach into the object with neighbouring
  * samples. A zone is what
  * the area touches of one smooth patch of the static surface [1]. */
-#include "contact/stages.h"
+#include "rivals/extent.h"
 
 /* Touched areas below a square nanometre are rounding, and their means would not be numbers. */
 #define AREA_MIN_M2 1e-18f

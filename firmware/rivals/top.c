@@ -1,5 +1,5 @@
-/* top: highest point behind several planes, where the overlap of convex solids ends. DESIGN.md "Contact plane and depth". */
-#include "contact/respond.h"
+/* top: highest point behind several planes, where the overlap of convex solids ends. EXTENT.md "Contact plane and depth". */
+#include "rivals/extent.h"
 
 /* Normals that agree to this in every part are one direction; a weight this little below zero is rounding. */
 #define SAME_DIRECTION 1e-4f
