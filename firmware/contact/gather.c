@@ -1,5 +1,4 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
-#include "contact/lanes.h"
 #include "contact/way_out.h"
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
