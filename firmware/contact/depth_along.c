@@ -82,6 +82,15 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
     }
 }
 
+/* Is a plane among those that are known at some lanes? */
+static int is_known(const spots *at, uint32_t facet) {
+    uint32_t k = 0u;
+    while (k < at->count && at->planes[k].facet != facet) {
+        k++;
+    }
+    return k < at->count;
+}
+
 /* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it, unless the static object surely
  * ends there. */
 static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes, cr_way_rows *e) {
@@ -90,11 +99,7 @@ static void add_bounds(const cr_way_half *half, const spots *at, uint32_t lanes,
         /* A plane that is hardly touched yet is hardly left through: it comes from afar. */
         const float seen = min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3));
         const float leaves = v3_dot(q->normal, half->normal) * q->part * seen;
-        uint32_t k = 0u;
-        while (k < at->count && at->planes[k].facet != q->facet) {
-            k++;
-        }
-        if (k < at->count || !(leaves > CR_WAY_LEAVES_MIN)) {
+        if (is_known(at, q->facet) || !(leaves > CR_WAY_LEAVES_MIN)) {
             continue;
         }
         const struct cr_img_cluster *c = at->c;
@@ -230,15 +235,49 @@ static float way_of_lane(const spots *at, const cr_way_half *half, const cr_way_
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(gone_m[i], way_m) : way_m;
 }
 
+/* Some flat planes and no other bound what the lanes leave, and one of them steeply enough: the exits, but for the heights of a lane. */
+static int exits_of_planes(const spots *at, const cr_way_half *half, cr_way_exits *out) {
+    float steep = 0.0f;
+    for (uint32_t b = 0; b < half->bound_count; b++) {
+        if (!is_known(at, half->bounds[b].facet)) {
+            return 0;
+        }
+    }
+    out->count = at->count;
+    for (uint32_t k = 0; k < at->count; k++) {
+        out->normal[k] = at->planes[k].normal;
+        out->leaves[k] = v3_dot(at->planes[k].normal, half->normal);
+        steep = max_f(steep, out->leaves[k]);
+    }
+    return at->count > 1u && half->curved_m3 <= 0.0f && steep >= STEEP;
+}
+
+/* Lanes count by the exits through planes alone. */
+static void count_by_planes(const spots *at, uint32_t lanes, const float *part, cr_way_exits *e, cr_way_half *half) {
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        for (uint32_t k = 0; k < e->count; k++) {
+            e->height_m[k] = at->planes[k].height_m[i];
+        }
+        const float way_m = min_f(FAR_MAX * half->deep_m + at->c->ramp[i], cr_way_longest(at->c, i, e));
+        half->depth_m = max_f(half->depth_m, part[i] * way_m);
+    }
+}
+
 /* Lanes count for a half-space by their exits, each by its part. */
 static void count_for(const survey *s, const spots *at, uint32_t lanes, const float *part, cr_way_half *half) {
     cr_way_rows *e = &s->scratch->rows;
+    cr_way_exits exits;
     ways w;
     float gone[CR_LANES], most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
     lanes = find_longer(at, lanes, part, half);
     if (lanes == 0u) {
+        return;
+    }
+    if (exits_of_planes(at, half, &exits)) {
+        count_by_planes(at, lanes, part, &exits, half);
         return;
     }
     find_own(half, at, lanes, e);
