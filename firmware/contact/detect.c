@@ -4,13 +4,12 @@
  * temporal coherence, and whole clusters that are certainly inside. Coverage is exactly 0 or 1 wherever a skip applies, so the
  * sums are the same to the bit with any of them switched off.
  *
- * A search that needs more lookups than a tick may make stops between two of them, and goes on where it stopped. */
+ * A search that needs more work than a tick may do stops between two steps, and goes on where it stopped. Work is counted in lookups of 16 points;
+ * a cluster that is in contact counts twice, once more for what it is inside of. */
 #include "contact/stages.h"
 
 /* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
 #define ROUNDING_M 2e-6f
-/* Most lookups of one step of the traversal: a group of leaves, and each of its clusters. */
-#define STEP_LOOKUPS (1u + CR_LANES)
 /* Odometers are rebased here: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
@@ -52,7 +51,6 @@ typedef struct {
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
-    uint32_t lookups;
     cr_planes *planes; /* those that the last cluster on planes lay at */
     float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
@@ -133,6 +131,7 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
+    w->search->spent++;
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
@@ -292,18 +291,15 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
 #endif
         }
     }
-    w->lookups++;
+    w->search->spent++;
     *wake = moved + look_at_points(w, &f, b, lane) * 0.999999f;
 }
 
-/* Look at the leaf spheres that wait, in cluster order. */
-static void look_at_waiting(walk *w) {
+/* Look the leaf spheres up that wait. */
+static void look_up_waiting(walk *w) {
     cr_search *s = w->search;
     const uint32_t count = s->waiting;
     cr_batch *b = &s->batch;
-    if (count == 0u) {
-        return;
-    }
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
         const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
@@ -311,23 +307,21 @@ static void look_at_waiting(walk *w) {
         b->world.y[i] = g->y[lane];
         b->world.z[i] = g->z[lane];
     }
-    w->lookups++;
+    s->spent++;
     w->stats->nodes += count;
     cr_lanes_to_world(w->pose, b->world.x, b->world.y, b->world.z, &b->world);
     cr_field_look_up_lanes(w->field, &b->world, (1u << count) - 1u, &b->centres);
-    for (uint32_t i = 0; i < count; i++) {
-        visit_cluster(w, s->slot[i], b, (int)i);
-    }
-    s->waiting = 0u;
+    s->looked_up = count;
+    s->visited = 0u;
 }
 
-static void let_wait(walk *w, uint32_t group, uint32_t lanes) {
+/* One of the leaf spheres that were looked up, in cluster order. */
+static void visit_next(walk *w) {
     cr_search *s = w->search;
-    while (lanes != 0u) {
-        s->slot[s->waiting++] = group * CR_LANES + (uint32_t)take_lane(&lanes);
-        if (s->waiting == CR_LANES) {
-            look_at_waiting(w);
-        }
+    const int lane = (int)s->visited++;
+    visit_cluster(w, s->slot[lane], &s->batch, lane);
+    if (s->visited == s->looked_up) {
+        s->waiting = s->looked_up = 0u;
     }
 }
 
@@ -340,7 +334,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     cr_lanes3 world;
     cr_lookup centres;
     float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
-    w->lookups++;
+    w->search->spent++;
     w->stats->nodes += count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     cr_field_look_up_lanes(w->field, &world, lanes, &centres);
@@ -355,37 +349,47 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     return lanes;
 }
 
-/* One level down: the lanes of a group that are left to descend into; leaves wait for their look. */
+/* One level down: the lanes of a group that are left to descend into, or leaves to be looked at. */
 static void enter_group(walk *w, uint32_t group) {
     const struct cr_img_group *g = &w->scene->groups[group];
     cr_search_level *level = &w->search->stack[w->search->depth++];
-    uint32_t lanes = find_awake(w, g, group);
+    const uint32_t lanes = find_awake(w, g, group);
     level->group = group;
-    level->lanes = 0u;
+    level->lanes = g->leaf ? lanes : find_open(w, group, lanes);
+}
+
+/* Into the next child of the group in hand; a leaf sphere waits until 16 of them are looked up together. */
+static void descend(walk *w) {
+    cr_search *s = w->search;
+    cr_search_level *level = &s->stack[s->depth - 1u];
+    if (level->lanes == 0u) {
+        s->depth--;
+        return;
+    }
+    const int lane = take_lane(&level->lanes);
+    const struct cr_img_group *g = &w->scene->groups[level->group];
     if (g->leaf) {
-        let_wait(w, group, lanes);
+        s->slot[s->waiting++] = level->group * CR_LANES + (uint32_t)lane;
     } else {
-        level->lanes = find_open(w, group, lanes);
+        enter_group(w, g->child[lane]);
     }
 }
 
-/* Go on until nothing is left, or the next step might be one too many. Returns whether nothing is left. */
-static int descend(walk *w, uint32_t lookups_max) {
+/* Go on until nothing is left, or the work of a tick is done. Returns whether nothing is left. */
+static int search_on(walk *w) {
     cr_search *s = w->search;
-    while (s->depth > 0u && w->lookups + STEP_LOOKUPS <= lookups_max) {
-        cr_search_level *level = &s->stack[s->depth - 1u];
-        if (level->lanes == 0u) {
-            s->depth--;
+    while (s->spent < w->options->lookups_max) {
+        if (s->looked_up > 0u) {
+            visit_next(w);
+        } else if (s->waiting == CR_LANES || (s->depth == 0u && s->waiting > 0u)) {
+            look_up_waiting(w);
+        } else if (s->depth > 0u) {
+            descend(w);
         } else {
-            const int lane = take_lane(&level->lanes);
-            enter_group(w, w->scene->groups[level->group].child[lane]);
+            return 1;
         }
     }
-    if (s->depth > 0u || w->lookups + STEP_LOOKUPS > lookups_max) {
-        return 0;
-    }
-    look_at_waiting(w);
-    return 1;
+    return s->depth == 0u && s->waiting == 0u;
 }
 
 static int tool_is_free(walk *w) {
@@ -416,22 +420,23 @@ static int tool_is_free(walk *w) {
 /* The pose of this search has become too old: what was not seen is left out. */
 static void give_up(walk *w) {
     cr_search *s = w->search;
-    w->stats->clusters_dropped += s->waiting;
+    w->stats->clusters_dropped += s->waiting - s->visited;
     for (uint32_t i = 0; i < s->depth; i++) {
         w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
     }
-    s->depth = s->waiting = 0u;
+    s->depth = s->waiting = s->looked_up = s->visited = 0u;
 }
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats) {
     cr_planes planes;
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0u, &planes, 0.0f};
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, &planes, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
+    search->spent = 0u;
     if (!search->open) {
-        search->depth = search->waiting = search->calls = 0u;
+        search->depth = search->waiting = search->looked_up = search->visited = search->calls = 0u;
         set->hit_count = 0u;
         set->contacts = 0u;
         set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
@@ -447,7 +452,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
     if (!search->open) {
         enter_group(&w, 0u);
     }
-    search->open = !descend(&w, options->lookups_max);
+    search->open = !search_on(&w);
     search->calls++;
     if (search->open && search->calls >= CR_SEARCH_TICKS_MAX) {
         give_up(&w);

@@ -263,7 +263,7 @@ typedef struct {
 typedef struct {
     uint32_t skip;        /* CR_SKIP_* */
     uint32_t coverage;    /* cr_coverage */
-    uint32_t lookups_max; /* of 16 points in one call */
+    uint32_t lookups_max; /* work of one call: lookups of 16 points, and one for each cluster in contact */
 #ifdef CR_RIVALS
     uint32_t touches; /* 1: what is touched, for a response of rivals/, and no zones */
 #endif
@@ -284,11 +284,14 @@ typedef struct {
 typedef struct {
     uint32_t open;  /* 1: begun and not at its end */
     uint32_t calls; /* that it has taken so far */
+    uint32_t spent; /* work of this call */
     uint32_t depth; /* levels in use */
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
     uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
-    cr_batch batch;          /* when they are looked at */
+    uint32_t looked_up;      /* 0, or as many as wait: they are in the batch */
+    uint32_t visited;        /* of these, those that were looked at */
+    cr_batch batch;
 } cr_search;
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
@@ -298,7 +301,7 @@ void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
  *          again with the same pose and the same motion until it is 1, at most CR_SEARCH_TICKS_MAX times.
  * Errors   none: capacities are counted in stats.
- * Cost     at most options->lookups_max lookups of 16 lanes.   Source  DESIGN.md "Detect" [2][3]. */
+ * Cost     search->spent, at most one more than options->lookups_max.   Source  DESIGN.md "Detect" [2][3]. */
 int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
               cr_search *search, cr_contact_set *set, cr_stats *stats);
 
