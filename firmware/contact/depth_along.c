@@ -33,7 +33,12 @@ typedef struct {
     const cr_way_relations *relations;
     cr_way_half *half;
     cr_way_scratch *scratch;
+    uint32_t *spent;
 } survey;
+
+/* Work, in lookups of 16 points: of a hit, and of a lane whose longest way is looked for on its piece, one in so many. */
+#define WORK_OF_HIT 2u
+#define LANES_OF_WORK 4u
 
 /* Planes that are known at the lanes of a cluster. */
 typedef struct {
@@ -70,6 +75,7 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
             place->z[i] = from->z[i] + to.z * gone_m[i];
         }
         cr_field_look_up_lanes(s->in->field, place, lanes, found);
+        *s->spent += 1u;
         for (uint32_t left = lanes; left != 0u;) {
             const int i = take_lane(&left);
             if (found->phi_m[i] < -MARCH_END * c->ramp[i]) {
@@ -276,6 +282,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     if (lanes == 0u) {
         return;
     }
+    *s->spent += (count_lanes(lanes) + LANES_OF_WORK - 1u) / LANES_OF_WORK;
     if (exits_of_planes(at, half, &exits)) {
         count_by_planes(at, lanes, part, &exits, half);
         return;
@@ -526,6 +533,7 @@ static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, c
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
     cr_lanes3 *world = &s->scratch->world;
     cr_lookup *look = &s->scratch->look;
+    *s->spent += WORK_OF_HIT;
     if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
         over_planes(s, c, lanes, planes);
     } else {
@@ -559,23 +567,33 @@ static int may_be_deeper(const survey *s, const cr_way_reach *reach) {
     return 0;
 }
 
-void cr_way_measure(const cr_respond_input *in, cr_way_work *work) {
+void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
+    work->half_count = cr_way_relate(in->field->scene, &in->set->way, &work->relations, work->half);
+    work->next = 0u;
+    work->spent = in->set->way.count;
+    for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
+        work->measured[i] = 0u;
+    }
+}
+
+/* The hit to be measured next: where the zones are deepest first, so that most others are then known not to be deeper. */
+static uint32_t take_next(const cr_way_zones *zones, uint32_t *next) {
+    const uint32_t step = (*next)++;
+    return step < zones->count ? zones->zones[step].deep_hit : step - zones->count;
+}
+
+int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max) {
     const cr_way_zones *zones = &in->set->way;
-    const survey s = {in, zones, &work->relations, work->half, &work->scratch};
+    const survey s = {in, zones, &work->relations, work->half, &work->scratch, &work->spent};
+    const uint32_t steps = zones->count + in->set->hit_count;
     cr_planes planes, cell;
-    uint32_t measured[(CR_CLUSTERS_MAX + 31u) / 32u] = {0u};
     planes.kind = cell.kind = 0u;
-    /* Where the zones are deepest first: most others are then known not to be deeper. */
-    for (uint32_t z = 0; z < zones->count; z++) {
-        const uint32_t hit = zones->zones[z].deep_hit, bit = 1u << (hit & 31u);
-        if ((measured[hit >> 5] & bit) == 0u) {
-            measured[hit >> 5] |= bit;
+    while (work->next < steps && work->spent < lookups_max) {
+        const uint32_t hit = take_next(zones, &work->next), bit = 1u << (hit & 31u);
+        if ((work->measured[hit >> 5] & bit) == 0u && may_be_deeper(&s, &zones->reach[hit])) {
             measure_hit(&s, &in->set->hits[hit], &planes, &cell);
         }
+        work->measured[hit >> 5] |= bit;
     }
-    for (uint32_t h = 0; h < in->set->hit_count; h++) {
-        if ((measured[h >> 5] & (1u << (h & 31u))) == 0u && may_be_deeper(&s, &zones->reach[h])) {
-            measure_hit(&s, &in->set->hits[h], &planes, &cell);
-        }
-    }
+    return work->next == steps;
 }

@@ -28,7 +28,8 @@ struct cr_world {
     /* The search for contact, and how many ticks ago it began, at motion.last. */
     cr_search search;
     uint32_t searched_age;
-    uint32_t found; /* 1: at its end, to be answered in the next tick */
+    uint32_t found; /* 1: at its end, and not answered yet */
+    uint32_t answering; /* 1: the answer has begun */
     /* The last answer, at the pose it is true for. */
     cr_pose held_at;
     uint32_t held_age, held_count;
@@ -105,7 +106,7 @@ cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr
     return CR_OK;
 }
 
-static void drop_search(cr_world *w) { w->search.open = w->found = 0u; }
+static void drop_search(cr_world *w) { w->search.open = w->found = w->answering = 0u; }
 
 static void forget_contact(cr_world *w) {
     drop_search(w);
@@ -242,31 +243,46 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     out->faults = w->faults;
 }
 
-/* The response of the settings: areas, without force yet. */
-static uint32_t respond(cr_world *w, const cr_respond_input *in, cr_output *out) {
-#ifdef CR_RIVALS
-    if (w->config.response != CR_RESPONSE_WAY_OUT) {
-        return cr_respond_as_rival(in, w->hit_of_cluster, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
-    }
-#endif
-    return cr_way_answer(in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
-}
-
-/* Areas of the contact that was found, at the pose it was searched at; kept for ticks that come before the next answer. */
-static void answer_found(cr_world *w, const xform *at, cr_output *out) {
+/* Areas, without force yet, of the contact that was found at a pose: the response of the settings. Returns 0 when the work of this tick was not enough;
+ * then it goes on in the next one. */
+static int respond(cr_world *w, const xform *at, cr_output *out) {
     cr_respond_input in = {.field = &w->field, .world_from_tool = at, .set = &w->set, .config = &w->config};
 #ifdef CR_RIVALS
-    w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
-    in.proxy = &w->proxy;
+    if (w->config.response != CR_RESPONSE_WAY_OUT) {
+        w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
+        in.proxy = &w->proxy;
+        out->area_count = cr_respond_as_rival(&in, w->hit_of_cluster, &w->areas, out->areas, CR_AREAS_MAX, &out->stats);
+        return 1;
+    }
 #endif
-    out->area_count = respond(w, &in, out);
+    if (!w->answering) {
+        cr_way_begin(&in, &w->way);
+        w->answering = 1u;
+    }
+    w->way.spent += w->search.spent;
+    if (!cr_way_measure(&in, &w->way, w->config.lookups_max)) {
+        w->way.spent = 0u;
+        return 0;
+    }
+    out->area_count = cr_way_answer(&in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
+    return 1;
+}
+
+/* Answer the contact that was found, at the pose it was searched at; kept for ticks that come before the next answer. Returns whether it is answered. */
+static int answer_found(cr_world *w, const xform *at, cr_output *out) {
+    if (w->set.hit_count > 0u && !respond(w, at, out)) {
+        return 0;
+    }
+    w->found = w->answering = 0u;
+    w->held_count = out->area_count;
+    w->held_at = w->motion.last;
     for (uint32_t i = 0; i < out->area_count; i++) {
         const cr_area *a = &out->areas[i];
         w->held[i] = (held_area){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
     }
-    w->held_at = w->motion.last;
     out->stats.contacts = w->set.contacts;
     out->stats.clusters = w->set.hit_count;
+    return 1;
 }
 
 static void answer_held(const cr_world *w, cr_output *out) {
@@ -303,13 +319,8 @@ static void drop_proxy_in_free_space(cr_world *w) {
 #endif
 }
 
-/* Search on at the pose the search began with. Returns whether its end is to be answered now: when it took several ticks it is
- * answered in a tick of its own, so that no tick pays for both. */
-static int search_on(cr_world *w, const xform *at, cr_stats *stats) {
-    if (w->found) {
-        w->found = 0u;
-        return 1;
-    }
+/* Search on at the pose the search began with; w->found when it is at its end. */
+static void search_on(cr_world *w, const xform *at, cr_stats *stats) {
     const cr_detect_options options = {
         .skip = w->config.skip,
         .coverage = w->config.coverage,
@@ -318,9 +329,7 @@ static int search_on(cr_world *w, const xform *at, cr_stats *stats) {
         .touches = w->config.response != CR_RESPONSE_WAY_OUT,
 #endif
     };
-    const int ended = cr_detect(&w->field, at, &options, &w->motion, &w->search, &w->set, stats);
-    w->found = ended && w->search.calls > 1u;
-    return ended && !w->found;
+    w->found = (uint32_t)cr_detect(&w->field, at, &options, &w->motion, &w->search, &w->set, stats);
 }
 
 /* The areas that are felt at this pose: found now, or carried along from an earlier one. */
@@ -337,12 +346,12 @@ static void find_areas(cr_world *w, const cr_pose *pose, const xform *now, cr_ou
         then = xform_from_pose(&w->motion.last);
         at = &then;
     }
-    if (search_on(w, at, &out->stats)) {
-        if (w->set.hit_count > 0u) {
-            answer_found(w, at, out);
-        }
+    w->search.spent = 0u;
+    if (!w->found) {
+        search_on(w, at, &out->stats);
+    }
+    if (w->found && answer_found(w, at, out)) {
         drop_proxy_in_free_space(w);
-        w->held_count = out->area_count;
         w->held_age = w->searched_age;
     } else {
         answer_held(w, out);

@@ -166,8 +166,14 @@ typedef struct {
     cr_way_shares shares;
 } cr_way_scratch;
 
-/* What passes between the stages of an answer. */
+#define CR_WAY_MEASURED ((CR_CLUSTERS_MAX + 31u) / 32u)
+
+/* What passes between the stages of an answer, and from tick to tick while it is not whole. */
 typedef struct {
+    uint32_t half_count;
+    uint32_t next;                      /* the step of measuring that comes next */
+    uint32_t spent;                     /* work of this tick */
+    uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
@@ -176,10 +182,14 @@ typedef struct {
     cr_way_scratch scratch;
 } cr_way_work;
 
-/* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit. */
-void cr_way_measure(const cr_respond_input *in, cr_way_work *work);
+/* Purpose  begin an answer: half-spaces of the zones, no depth yet. */
+void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
 
-/* Purpose  the response.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
+/* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit.
+ * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the hit that takes it to lookups_max. */
+int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
+
+/* Purpose  the response, of what was measured.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats);
 
 #endif

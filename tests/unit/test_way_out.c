@@ -371,6 +371,8 @@ static void contacts_beyond_their_room_are_counted(void **state) {
     cr_motion_advance(&motion, &pose);
     assert_int_equal(cr_detect(&rig.field, &at, &options, &motion, &search, &set, &stats), 1);
     const cr_respond_input in = {.field = &rig.field, .world_from_tool = &at, .set = &set, .config = &config};
+    cr_way_begin(&in, &work);
+    assert_int_equal(cr_way_measure(&in, &work, UINT32_MAX), 1);
     assert_int_equal(cr_way_answer(&in, &work, areas, 2u, &stats), 2);
     assert_int_equal(stats.areas_merged, 0);
     assert_int_equal(cr_way_answer(&in, &work, areas, 1u, &stats), 1);
