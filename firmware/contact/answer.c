@@ -75,7 +75,7 @@ static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
     cr_way_zones *zones = &in->set->way;
     cr_way_half *half = work->half;
-    const uint32_t count = work->half_count;
+    const uint32_t count = work->relations.half_count;
     uint32_t made = 0u;
     for (uint32_t h = 0; h < count; h++) {
         const cr_vec3 n = half[h].normal;

@@ -36,9 +36,11 @@ typedef struct {
     uint32_t *spent;
 } survey;
 
-/* Work, in lookups of 16 points: of a hit, and of a lane whose longest way is looked for on its piece, one in so many. */
+/* Work, in lookups of 16 points: of a hit; of lanes whose longest way is looked for on their pieces, one in so many; of a zone that joins others, one in so
+ * many. */
 #define WORK_OF_HIT 2u
 #define LANES_OF_WORK 4u
+#define ZONES_OF_WORK 4u
 
 /* Planes that are known at the lanes of a cluster. */
 typedef struct {
@@ -279,10 +281,10 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
     lanes = find_longer(at, lanes, part, half);
+    *s->spent += 1u + count_lanes(lanes) / LANES_OF_WORK;
     if (lanes == 0u) {
         return;
     }
-    *s->spent += (count_lanes(lanes) + LANES_OF_WORK - 1u) / LANES_OF_WORK;
     if (exits_of_planes(at, half, &exits)) {
         count_by_planes(at, lanes, part, &exits, half);
         return;
@@ -567,8 +569,18 @@ static int may_be_deeper(const survey *s, const cr_way_reach *reach) {
     return 0;
 }
 
+/* Where the zones are deepest first: most others are then known not to be deeper. */
+static void measure_step(const survey *s, uint32_t step, cr_way_work *work, cr_planes *planes, cr_planes *cell) {
+    const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
+    const uint32_t bit = 1u << (hit & 31u);
+    if ((work->measured[hit >> 5] & bit) == 0u && may_be_deeper(s, &s->zones->reach[hit])) {
+        measure_hit(s, &s->in->set->hits[hit], planes, cell);
+    }
+    work->measured[hit >> 5] |= bit;
+}
+
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
-    work->half_count = cr_way_relate(in->field->scene, &in->set->way, &work->relations, work->half);
+    cr_way_relate(in->field->scene, &in->set->way, &work->relations);
     work->next = 0u;
     work->spent = in->set->way.count;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
@@ -576,24 +588,23 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     }
 }
 
-/* The hit to be measured next: where the zones are deepest first, so that most others are then known not to be deeper. */
-static uint32_t take_next(const cr_way_zones *zones, uint32_t *next) {
-    const uint32_t step = (*next)++;
-    return step < zones->count ? zones->zones[step].deep_hit : step - zones->count;
-}
-
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max) {
     const cr_way_zones *zones = &in->set->way;
     const survey s = {in, zones, &work->relations, work->half, &work->scratch, &work->spent};
-    const uint32_t steps = zones->count + in->set->hit_count;
+    const uint32_t steps = 2u * zones->count + in->set->hit_count;
     cr_planes planes, cell;
     planes.kind = cell.kind = 0u;
     while (work->next < steps && work->spent < lookups_max) {
-        const uint32_t hit = take_next(zones, &work->next), bit = 1u << (hit & 31u);
-        if ((work->measured[hit >> 5] & bit) == 0u && may_be_deeper(&s, &zones->reach[hit])) {
-            measure_hit(&s, &in->set->hits[hit], &planes, &cell);
+        const uint32_t step = work->next++;
+        if (step >= zones->count) {
+            measure_step(&s, step - zones->count, work, &planes, &cell);
+            continue;
         }
-        work->measured[hit >> 5] |= bit;
+        cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
+        work->spent += zones->count / ZONES_OF_WORK;
+        if (step + 1u == zones->count) {
+            cr_way_agree(&work->relations, work->half);
+        }
     }
     return work->next == steps;
 }

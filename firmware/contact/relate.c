@@ -88,22 +88,24 @@ static float meet_static(const cr_scene *s, const cr_way_zone *za, const cr_way_
     return meet(a->touched, a->normal, b->touched, b->normal);
 }
 
+/* How far two zones that are both related to a third, and are of one piece, are not related to each other. */
+static float conflict_of(const cr_way_zones *zones, const cr_way_relations *r, uint32_t a, uint32_t b, uint32_t c) {
+    const float less = min_f(zones->zones[b].weight_m3, zones->zones[c].weight_m3);
+    const float counts = min_f(1.0f, less / (COUNTS * zones->zones[a].weight_m3));
+    const float turned = min_f(1.0f, v3_norm(v3_sub(r->unit[b], r->unit[c])));
+    const float both = min_f(1.0f, 2.0f * r->part[a][b]) * min_f(1.0f, 2.0f * r->part[a][c]);
+    return both * (1.0f - r->part[b][c]) * counts * turned;
+}
+
 /* Zones that are related to one but not to each other leave it no direction of its own: it does not lead, as far as they weigh. */
-static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, const means *m, uint32_t a) {
+static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, uint32_t a) {
     float conflict = 0.0f;
     for (uint32_t b = 0; b < zones->count; b++) {
         for (uint32_t c = 0; c < b && r->part[a][b] > 0.0f && b != a; c++) {
-            const float less = min_f(zones->zones[b].weight_m3, zones->zones[c].weight_m3);
-            const float counts = min_f(1.0f, less / (COUNTS * zones->zones[a].weight_m3));
-            const float turned = min_f(1.0f, v3_norm(v3_sub(m[b].unit, m[c].unit)));
-            const float both = min_f(1.0f, 2.0f * r->part[a][b]) * min_f(1.0f, 2.0f * r->part[a][c]);
-            conflict =
-                c == a
-                    ? conflict
-                    : max_f(conflict,
-                            both *
-                                (zones->zones[b].key.piece == zones->zones[c].key.piece ? 1.0f - r->part[b][c] : 0.0f) *
-                                counts * turned);
+            const int may = (c != a) & (r->part[a][c] > 0.0f) & (1.0f - r->part[b][c] > conflict);
+            if (may && zones->zones[b].key.piece == zones->zones[c].key.piece) {
+                conflict = max_f(conflict, conflict_of(zones, r, a, b, c));
+            }
         }
     }
     return 1.0f - conflict;
@@ -111,7 +113,7 @@ static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, const
 
 /* Of the surfaces that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
  * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). */
-static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const float *alpha) {
+static cr_vec3 favour_large(const cr_way_zones *zones, const cr_vec3 *unit, const float *alpha) {
     cr_vec3 of[CR_WAY_ZONES_MAX], sum = v3(0.0f, 0.0f, 0.0f);
     uint32_t surface[CR_WAY_ZONES_MAX], count = 0u;
     float most = 0.0f;
@@ -124,7 +126,7 @@ static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const flo
             surface[count] = zones->zones[c].key.surface;
             of[count++] = v3(0.0f, 0.0f, 0.0f);
         }
-        of[s] = v3_mad(of[s], m[c].unit, alpha[c]);
+        of[s] = v3_mad(of[s], unit[c], alpha[c]);
         most = max_f(most, v3_norm(of[s]));
     }
     for (uint32_t s = 0; s < count; s++) {
@@ -137,15 +139,15 @@ static cr_vec3 favour_large(const cr_way_zones *zones, const means *m, const flo
 
 /* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. Projected
  * Gauss-Seidel; a normal that is related by a part only is held back. */
-static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float *part, cr_vec3 sum, float per_weight,
-                         float rules, float seen) {
+static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_vec3 sum,
+                         float per_weight, float rules, float seen) {
     float alpha[CR_WAY_ZONES_MAX];
     cr_vec3 left = sum;
     const float size = v3_norm(sum);
     const uint32_t count = zones->count;
     for (uint32_t c = 0; c < count; c++) {
-        alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), m[c].unit));
-        left = v3_mad(left, m[c].unit, -alpha[c]);
+        alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
+        left = v3_mad(left, unit[c], -alpha[c]);
     }
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         float moved = 0.0f;
@@ -156,8 +158,8 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float 
             const float held = 1.0f / part[c] - 1.0f;
             const float most = part[c] * TWICE * zones->zones[c].weight_m3 * per_weight / seen;
             const float next =
-                clamp_f(alpha[c] + (v3_dot(m[c].unit, left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
-            left = v3_mad(left, m[c].unit, alpha[c] - next);
+                clamp_f(alpha[c] + (v3_dot(unit[c], left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
+            left = v3_mad(left, unit[c], alpha[c] - next);
             moved = max_f(moved, abs_f(next - alpha[c]));
             alpha[c] = next;
         }
@@ -165,22 +167,22 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const means *m, const float 
             break;
         }
     }
-    sum = favour_large(zones, m, alpha);
+    sum = favour_large(zones, unit, alpha);
     const float outside = v3_norm(left);
     const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));
     return v3_mad(sum, left, kept);
 }
 
 /* Planes that zone a is below: of the flat zones that it is related to and does not lie above. */
-static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const cr_way_relations *r, const means *m,
-                        uint32_t a, cr_way_half *out) {
+static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const cr_way_relations *r, uint32_t a,
+                        cr_way_half *out) {
     out->bound_count = 0u;
     for (uint32_t c = 0; c < zones->count && out->bound_count < CR_WAY_BOUNDS_MAX; c++) {
         const cr_way_zone *z = &zones->zones[c];
         const int sure = a == c || (z->patch != zones->zones[a].patch &&
                                     cr_pair_label(scene, z->patch, zones->zones[a].patch) == CR_PAIR_CONVEX);
         const float held =
-            r->part[a][c] * (sure ? 1.0f : part_at(rise_of(m[a].touched, m[a].unit, m[c].touched, m[c].unit)));
+            r->part[a][c] * (sure ? 1.0f : part_at(rise_of(r->touched[a], r->unit[a], r->touched[c], r->unit[c])));
         if ((z->key.surface & CR_WAY_CURVED) != 0u || !(held > 0.0f)) {
             continue;
         }
@@ -196,8 +198,8 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         }
         bound->facet = z->key.surface;
         bound->sure |= (uint32_t)sure;
-        bound->normal = m[c].unit;
-        bound->offset_m = -v3_dot(m[c].unit, m[c].touched);
+        bound->normal = r->unit[c];
+        bound->offset_m = -v3_dot(r->unit[c], r->touched[c]);
         bound->part = max_f(bound->part, held);
         bound->weight_m3 += held * z->weight_m3;
     }
@@ -213,8 +215,8 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
 }
 
 /* Normal and arm of the zones that one zone is related to, each by its part. */
-static void make_half(const cr_way_zones *zones, const means *m, const float *part, float whole_m3, float spacing_m,
-                      cr_way_half *out) {
+static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
+                      float spacing_m, cr_way_half *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f, area = 0.0f;
     out->deep_m = out->curved_m3 = 0.0f;
@@ -234,7 +236,7 @@ static void make_half(const cr_way_zones *zones, const means *m, const float *pa
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     const float trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
-    const cr_vec3 way = into_cone(zones, m, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f));
+    const cr_vec3 way = into_cone(zones, unit, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f));
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
@@ -276,35 +278,40 @@ static void share_arms(cr_way_half *half, uint32_t count) {
     }
 }
 
-uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *r, cr_way_half *out) {
+void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *r) {
     means m[CR_WAY_ZONES_MAX] = {0};
-    uint32_t count = 0u, first[CR_WAY_ZONES_MAX];
-    float whole = 0.0f;
+    r->half_count = 0u;
+    r->whole_m3 = 0.0f;
     for (uint32_t a = 0; a < zones->count; a++) {
         m[a] = means_of(&zones->zones[a]);
         r->unit[a] = m[a].unit;
         r->touched[a] = m[a].touched;
-        whole += zones->zones[a].weight_m3;
+        r->whole_m3 += zones->zones[a].weight_m3;
     }
     relate_all(scene, zones, m, r);
-    for (uint32_t a = 0; a < zones->count; a++) {
-        uint32_t h = 0u;
-        r->lead[a] = lead_of(zones, r, m, a);
-        while (h < count && !rows_agree(r->part[a], r->part[first[h]], zones->count)) {
-            h++;
-        }
-        if (h == count) {
-            make_half(zones, m, r->part[a], whole, scene->meta->spacing_m, &out[h]);
-            find_bounds(scene, zones, r, m, a, &out[h]);
-            first[count++] = a;
-        }
-        out[h].zones |= 1u << a;
-        out[h].led_m3 = max_f(out[h].led_m3, zones->zones[a].weight_m3);
-        r->half_of[a] = h;
+}
+
+void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r,
+                 cr_way_half *halves) {
+    uint32_t h = 0u;
+    r->lead[zone] = lead_of(zones, r, zone);
+    while (h < r->half_count && !rows_agree(r->part[zone], r->part[r->first[h]], zones->count)) {
+        h++;
     }
-    for (uint32_t h = 0; h < count; h++) {
-        out[h].open *= min_f(1.0f, out[h].led_m3 / (MINOR * out[h].weight_m3));
+    cr_way_half *half = &halves[h];
+    if (h == r->half_count) {
+        make_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half);
+        find_bounds(scene, zones, r, zone, half);
+        r->first[r->half_count++] = zone;
     }
-    share_arms(out, count);
-    return count;
+    half->zones |= 1u << zone;
+    half->led_m3 = max_f(half->led_m3, zones->zones[zone].weight_m3);
+    r->half_of[zone] = h;
+}
+
+void cr_way_agree(const cr_way_relations *r, cr_way_half *halves) {
+    for (uint32_t h = 0; h < r->half_count; h++) {
+        halves[h].open *= min_f(1.0f, halves[h].led_m3 / (MINOR * halves[h].weight_m3));
+    }
+    share_arms(halves, r->half_count);
 }

@@ -115,10 +115,20 @@ typedef struct {
     float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two */
     float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
     uint32_t half_of[CR_WAY_ZONES_MAX];
+    uint32_t half_count, first[CR_WAY_ZONES_MAX]; /* half-spaces, and the zone that each was made for */
+    float whole_m3;                               /* weight of all zones */
 } cr_way_relations;
 
-/* Purpose  half-spaces of the zones: normals, arms, bounds; no depth yet.   Output  out[0..return). */
-uint32_t cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations, cr_way_half *out);
+/* Purpose  which zones have one way out.   Output  unit, touched, part. */
+void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations);
+
+/* Purpose  the half-space of a zone, made when none of those before has the same relations: normal, arm, bounds; no depth yet.
+ * Shapes   halves[CR_WAY_ZONES_MAX]; zones one after the other. */
+void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations,
+                 cr_way_half *halves);
+
+/* Purpose  what half-spaces do for each other, once all zones have joined. */
+void cr_way_agree(const cr_way_relations *relations, cr_way_half *halves);
 
 #define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
 
@@ -170,8 +180,7 @@ typedef struct {
 
 /* What passes between the stages of an answer, and from tick to tick while it is not whole. */
 typedef struct {
-    uint32_t half_count;
-    uint32_t next;                      /* the step of measuring that comes next */
+    uint32_t next;                      /* the step that comes next: zones join, then hits are measured */
     uint32_t spent;                     /* work of this tick */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
     cr_way_relations relations;
@@ -182,10 +191,10 @@ typedef struct {
     cr_way_scratch scratch;
 } cr_way_work;
 
-/* Purpose  begin an answer: half-spaces of the zones, no depth yet. */
+/* Purpose  begin an answer: which zones have one way out. */
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
 
-/* Purpose  depth of each half-space: how far the deepest point of its tool surface has to go along the normal to the first exit.
+/* Purpose  half-spaces and the depth of each: how far the deepest point of its tool surface has to go along the normal to the first exit.
  * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the hit that takes it to lookups_max. */
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
 
