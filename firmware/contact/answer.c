@@ -82,7 +82,7 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
         work->normal[h] = n;
         work->depth_m[h] = v3_dot(n, n) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
     }
-    cr_way_resolve(work->normal, work->depth_m, count, work->push_m);
+    cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m);
     for (uint32_t h = 0; h < count; h++) {
         const float push_m = work->push_m[h];
         work->area[h] = CR_HIT_NONE;

@@ -36,11 +36,12 @@ typedef struct {
     uint32_t *spent;
 } survey;
 
-/* Work, in lookups of 16 points: of a hit; of lanes whose longest way is looked for on their pieces, one in so many; of a zone that joins others, one in so
+/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of lanes whose longest way is looked for on their pieces, one in so many; of a zone that joins others, one in so
  * many. */
 #define WORK_OF_HIT 2u
+#define WORK_OF_LOOKUP 4u
 #define LANES_OF_WORK 4u
-#define ZONES_OF_WORK 4u
+#define ZONES_OF_WORK 2u
 
 /* Planes that are known at the lanes of a cluster. */
 typedef struct {
@@ -58,6 +59,7 @@ typedef struct {
     uint32_t count;
     known planes[CR_KIND_FACETS_MAX];
     const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
+    float deep_m[CR_LANES];  /* how deep each piece reaches below the first at most; NEVER_M where none is known */
 } spots;
 
 /* How far along the normal each of some lanes has to go until it is outside: steps as long as the distance. */
@@ -160,9 +162,20 @@ static void find_reach(const spots *at, uint32_t lanes, const cr_way_rows *e, ui
     }
 }
 
+/* How deep below the plane that they are inside of the pieces of the lanes reach. */
+static void find_deep(spots *at) {
+    const known *own = &at->planes[0];
+    for (int i = 0; i < CR_LANES; i++) {
+        if (CR_SCALAR && !has_lane(at->lanes, i)) {
+            continue;
+        }
+        const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
+        at->deep_m[i] = at->count > 0u ? cr_way_half_width(at->c, i, n) - own->height_m[i] : NEVER_M;
+    }
+}
+
 /* Lanes whose way may be longer than what is known, by the plane that they are inside of. */
 static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, const cr_way_half *half) {
-    const struct cr_img_cluster *c = at->c;
     const known *own = &at->planes[0];
     const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
     uint32_t longer = 0u;
@@ -170,12 +183,10 @@ static uint32_t find_longer(const spots *at, uint32_t lanes, const float *part, 
         if (CR_SCALAR && !has_lane(lanes, i)) {
             continue;
         }
-        const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
-        const float leaves = own->curved ? v3_dot(n, half->normal) : flat_leaves;
-        const float most = cr_way_half_width(c, i, n) - own->height_m[i];
-        /* most / leaves or far, without a division */
-        const int by_own = (at->count > 0u) & (leaves > CR_WAY_LEAVES_MIN) & (part[i] * most <= half->depth_m * leaves + SLACK_M);
-        const int by_far = part[i] * (far + c->ramp[i]) <= half->depth_m;
+        const float leaves = own->curved ? v3_dot(lane_of(at->normal, i), half->normal) : flat_leaves;
+        /* deep / leaves or far, without a division */
+        const int by_own = (leaves > CR_WAY_LEAVES_MIN) & (part[i] * at->deep_m[i] <= half->depth_m * leaves + SLACK_M);
+        const int by_far = part[i] * (far + at->c->ramp[i]) <= half->depth_m;
         longer |= (uint32_t)(!(by_own | by_far)) << i;
     }
     return longer & lanes;
@@ -280,8 +291,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     float gone[CR_LANES], most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
-    lanes = find_longer(at, lanes, part, half);
-    *s->spent += 1u + count_lanes(lanes) / LANES_OF_WORK;
+    *s->spent += (count_lanes(lanes) + LANES_OF_WORK - 1u) / LANES_OF_WORK;
     if (lanes == 0u) {
         return;
     }
@@ -331,31 +341,35 @@ static float nearness(const survey *s, const spots *at, int i, uint32_t other) {
 /* Lanes count for their zone; where that does not lead, for those that it is related to and they are near to. */
 static void count_in_zone(const survey *s, const spots *at, uint32_t lanes, uint32_t z, const float *part) {
     const cr_way_relations *r = s->relations;
-    cr_way_half *half = s->half;
-    float share[CR_LANES];
-    if (r->lead[z] > 0.0f) {
-        for (int i = 0; i < CR_LANES; i++) {
-            share[i] = part[i] * r->lead[z];
+    for (uint32_t b = 0; b < s->zones->count; b++) {
+        const float most = b == z ? r->lead[z] : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
+        cr_way_half *half = &s->half[r->half_of[b]];
+        float share[CR_LANES];
+        if (!(most > 0.0f)) {
+            continue;
         }
-        count_for(s, at, lanes, share, &half[r->half_of[z]]);
-    }
-    for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
-        const float related = b == z ? 0.0f : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
-        if (related > 0.0f) {
-            for (int i = 0; i < CR_LANES; i++) {
-                share[i] = part[i] * related * nearness(s, at, i, b);
-            }
-            count_for(s, at, lanes, share, &half[r->half_of[b]]);
+        for (int i = 0; i < CR_LANES; i++) {
+            share[i] = part[i] * most;
+        }
+        const uint32_t longer = find_longer(at, lanes, share, half);
+        for (uint32_t left = b == z ? 0u : longer; left != 0u;) {
+            const int i = take_lane(&left);
+            share[i] *= nearness(s, at, i, b);
+        }
+        if (longer != 0u) {
+            count_for(s, at, b == z ? longer : find_longer(at, longer, share, half), share, half);
         }
     }
 }
 
-static void count_lanes_for(const survey *s, const spots *at, uint32_t surface, uint32_t side, const float *part) {
+static void count_lanes_for(const survey *s, spots *at, uint32_t surface, uint32_t side, const float *part) {
+    find_deep(at);
     for (int slot = 0; slot < CR_PIECES; slot++) {
         const cr_way_key key = {surface, side, at->c->piece[slot]};
         const uint32_t lanes = at->lanes & at->c->piece_lanes[slot];
         const uint32_t z = key.piece == CR_PIECE_NONE || lanes == 0u ? CR_WAY_NONE : cr_way_find(s->zones, key);
         if (z != CR_WAY_NONE) {
+            *s->spent += 1u;
             count_in_zone(s, at, lanes, z, part);
         }
     }
@@ -420,7 +434,8 @@ static void over_curved(const survey *s, spots *at, uint32_t surface, const cr_l
             part[i] = lower_f(1.0f, its / SIDE_FULL);
             on |= (uint32_t)(its > 0.0f) << i;
         }
-        const spots some = {at->c, at->lanes & on, 1u, {at->planes[0]}, at->normal};
+        spots some = {.c = at->c, .lanes = at->lanes & on, .count = 1u, .normal = at->normal};
+        some.planes[0] = at->planes[0];
         if (some.lanes != 0u) {
             count_lanes_for(s, &some, surface, side, part);
         }
@@ -472,7 +487,8 @@ static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share)
 /* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
 static void over_nothing(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look) {
     const cr_vec3 none = {0.0f, 0.0f, 0.0f};
-    const spots at = {.c = c, .lanes = lanes, .count = 0u, .planes = {{CR_FACET_NONE, 0, none, look->phi_m}}};
+    spots at = {.c = c, .lanes = lanes, .count = 0u};
+    at.planes[0] = (known){CR_FACET_NONE, 0, none, look->phi_m};
     count_lanes_for(s, &at, CR_WAY_NONE, 0u, whole);
 }
 
@@ -535,7 +551,7 @@ static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, c
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
     cr_lanes3 *world = &s->scratch->world;
     cr_lookup *look = &s->scratch->look;
-    *s->spent += WORK_OF_HIT;
+    *s->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;
     if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
         over_planes(s, c, lanes, planes);
     } else {

@@ -5,7 +5,7 @@
  * sums are the same to the bit with any of them switched off.
  *
  * A search that needs more work than a tick may do stops between two steps, and goes on where it stopped. Work is counted in lookups of 16 points;
- * a cluster that is in contact counts twice, once more for what it is inside of. */
+ * what a cluster is inside of counts besides. */
 #include "contact/stages.h"
 
 /* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
@@ -13,6 +13,11 @@
 /* Odometers are rebased here: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
+/* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; to tell what it is inside of. */
+#define WORK_OF_PLANES 1u
+#define WORK_OF_CELLS 2u
+#define WORK_INSIDE_PLANES 1u
+#define WORK_INSIDE_CELLS 3u
 
 static void forget(cr_motion *m) {
     m->slide_m = 0.0f;
@@ -131,7 +136,7 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
-    w->search->spent++;
+    w->search->spent += l->planes != NULL ? WORK_INSIDE_PLANES : WORK_INSIDE_CELLS;
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
@@ -239,6 +244,7 @@ static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
     const uint32_t kind = cr_planes_around(w->field, centre, f->reach_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
+    w->search->spent += kind != 0u ? WORK_OF_PLANES : WORK_OF_CELLS;
     if (kind == 0u) {
         return look_up_points(w, f->cluster, b, lane);
     }
@@ -291,7 +297,6 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
 #endif
         }
     }
-    w->search->spent++;
     *wake = moved + look_at_points(w, &f, b, lane) * 0.999999f;
 }
 

@@ -5,22 +5,31 @@
 
 /* Each half-space is led out of by what it pushes itself and by what those on its side push along its normal. Those against it do not count: no contact
  * pushes more than its own depth, whatever pushes against it, and however often the surface is cut. */
-void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *lambda_m) {
+void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m) {
+    uint32_t felt[CR_WAY_ZONES_MAX], felt_count = 0u;
     float deepest = 0.0f;
     for (uint32_t j = 0; j < count; j++) {
         lambda_m[j] = 0.0f;
         deepest = max_f(deepest, depth_m[j]);
+        if (depth_m[j] > 0.0f) {
+            felt[felt_count++] = j;
+        }
+    }
+    for (uint32_t j = 0; j < felt_count; j++) {
+        for (uint32_t i = 0; i < felt_count; i++) {
+            along->part[j][i] = i == j ? 0.0f : max_f(0.0f, v3_dot(normal[felt[i]], normal[felt[j]]));
+        }
     }
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         float moved = 0.0f;
-        for (uint32_t j = 0; j < count; j++) {
-            float led = 0.0f;
-            for (uint32_t i = 0; i < count; i++) {
-                led += i == j ? 0.0f : lambda_m[i] * max_f(0.0f, v3_dot(normal[i], normal[j]));
+        for (uint32_t j = 0; j < felt_count; j++) {
+            float led = 0.0f, *own = &lambda_m[felt[j]];
+            for (uint32_t i = 0; i < felt_count; i++) {
+                led += lambda_m[felt[i]] * along->part[j][i];
             }
-            const float next = max_f(0.0f, depth_m[j] - led);
-            moved = max_f(moved, abs_f(next - lambda_m[j]));
-            lambda_m[j] = next;
+            const float next = max_f(0.0f, depth_m[felt[j]] - led);
+            moved = max_f(moved, abs_f(next - *own));
+            *own = next;
         }
         if (moved <= 1e-6f * deepest) {
             break;

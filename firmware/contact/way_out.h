@@ -146,9 +146,14 @@ typedef struct {
 /* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m. */
 float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits);
 
+/* How far each half-space leads along the normal of each other: 0 where it leads away. */
+typedef struct {
+    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];
+} cr_way_along;
+
 /* Purpose  how much each half-space pushes: the sum of lambda normal is the shortest translation out of all; those that oppose each other do not see each other.
- * Shapes   normal unit, depth_m, out lambda_m: [count]. */
-void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *lambda_m);
+ * Shapes   normal unit, depth_m, out lambda_m: [count]; along: room. */
+void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m);
 
 /* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
 typedef struct {
@@ -188,7 +193,10 @@ typedef struct {
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
     float depth_m[CR_WAY_ZONES_MAX], push_m[CR_WAY_ZONES_MAX];
     uint32_t area[CR_WAY_ZONES_MAX]; /* and their contacts, or CR_HIT_NONE */
-    cr_way_scratch scratch;
+    union {
+        cr_way_scratch scratch; /* while it is measured, */
+        cr_way_along along;     /* and after */
+    };
 } cr_way_work;
 
 /* Purpose  begin an answer: which zones have one way out. */
