@@ -80,15 +80,18 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
     for (uint32_t h = 0; h < count; h++) {
         const cr_vec3 n = half[h].normal;
         work->normal[h] = n;
-        work->depth_m[h] = v3_dot(n, n) > 0.5f ? half[h].depth_m * half[h].open : 0.0f;
+        work->depth_m[h] = v3_dot(n, n) <= 0.5f ? 0.0f : half[h].depth_m * half[h].open;
     }
     cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m);
     for (uint32_t h = 0; h < count; h++) {
         const float push_m = work->push_m[h];
         work->area[h] = CR_HIT_NONE;
-        if (push_m > 0.0f && made == room) {
+        if (push_m <= 0.0f) {
+            continue;
+        }
+        if (made == room) {
             stats->areas_merged++;
-        } else if (push_m > 0.0f) {
+        } else {
             work->area[h] = made;
             report(in, &work->relations, &half[h], push_m, &out[made++]);
         }

@@ -82,7 +82,8 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
     for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
         const float part = sided ? cr_way_share(mean, side) : 1.0f;
         const cr_way_key key = {layer->surface, side, c->piece[slot]};
-        cr_way_zone *z = part * sums.weight_m3 > 0.0f ? zone_at(s, pose, zones, key, layer->patch) : NULL;
+        /* not a number is kept: it is a fault in the end */
+        cr_way_zone *z = part * sums.weight_m3 <= 0.0f ? NULL : zone_at(s, pose, zones, key, layer->patch);
         if (z != NULL) {
             add_part(z, &sums, part, hit);
             zones->reach[hit].zones |= 1u << (uint32_t)(z - zones->zones);

@@ -67,7 +67,7 @@ static inline float v3_norm(cr_vec3 a) { return sqrtf(v3_dot(a, a)); }
 /* Unit vector, or zero when shorter than tiny. */
 static inline cr_vec3 v3_unit(cr_vec3 a, float tiny) {
     float n = v3_norm(a);
-    return n > tiny ? v3_scale(a, 1.0f / n) : v3(0.0f, 0.0f, 0.0f);
+    return n <= tiny ? v3(0.0f, 0.0f, 0.0f) : v3_scale(a, 1.0f / n); /* not a number stays none */
 }
 static inline int v3_is_finite(cr_vec3 a) { return is_finite_f(a.x) && is_finite_f(a.y) && is_finite_f(a.z); }
 

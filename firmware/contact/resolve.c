@@ -11,7 +11,7 @@ void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count,
     for (uint32_t j = 0; j < count; j++) {
         lambda_m[j] = 0.0f;
         deepest = max_f(deepest, depth_m[j]);
-        if (depth_m[j] > 0.0f) {
+        if (!(depth_m[j] <= 0.0f)) { /* not a number is felt: a fault */
             felt[felt_count++] = j;
         }
     }

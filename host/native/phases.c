@@ -36,7 +36,7 @@ static cr_pose pose_of(const cr_path_row *row) {
 
 static uint32_t since(uint64_t start_ns) { return (uint32_t)(now_ns() - start_ns); }
 
-static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, const cr_pose *pose,
+static void time_pose(bench *b, const cr_config *config, const cr_pose *pose,
                       cr_phases_row *row) {
     const cr_detect_options options = {
         .skip = config->skip, .coverage = config->coverage, .lookups_max = config->lookups_max};
@@ -68,14 +68,14 @@ static void time_pose(bench *b, const cr_scene *scene, const cr_config *config, 
 
 static uint32_t least(uint32_t a, uint32_t b) { return a < b ? a : b; }
 
-static void run(bench *b, const cr_scene *scene, const cr_config *config, const cr_path_row *path, size_t count,
+static void run(bench *b, const cr_config *config, const cr_path_row *path, size_t count,
                 uint32_t repeat, cr_phases_row *rows) {
     for (uint32_t pass = 0; pass < repeat; pass++) {
         b->motion.valid = 0u;
         for (size_t i = 0; i < count; i++) {
             const cr_pose pose = pose_of(&path[i]);
             cr_phases_row row;
-            time_pose(b, scene, config, &pose, &row);
+            time_pose(b, config, &pose, &row);
             if (pass > 0u) {
                 row.detect_ns = least(row.detect_ns, rows[i].detect_ns);
                 row.relate_ns = least(row.relate_ns, rows[i].relate_ns);
@@ -103,7 +103,7 @@ cr_err cr_phases_run(const cr_scene *scene, const cr_config *config, const cr_pa
         cr_field_init(&b->field, scene);
         b->motion.wake_m = wake;
         b->motion.wake_count = scene->group_count * CR_LANES;
-        run(b, scene, config, path, count, repeat, rows);
+        run(b, config, path, count, repeat, rows);
     }
     free(wake);
     free(b);

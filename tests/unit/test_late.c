@@ -1,4 +1,5 @@
 /* A search for contact that needs more lookups than one tick may make: what it finds, and what is felt meanwhile. */
+#include "contact/way_out.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -13,7 +14,9 @@
 #define HALF_M 8e-3
 #define PERIOD_S 1e-3f
 #define STIFFNESS_N_M 1000.0f
-#define LOOKUPS 32u
+#define LOOKUPS 96u
+/* Work of one hit of a cube at most: 16 lanes, two planes, both pieces. */
+#define HIT_MOST 16u
 /* The distances of the image are rounded to this, and the force with them. */
 #define ROUNDING_N 2e-3f
 
@@ -92,6 +95,52 @@ static void zones_gathered_in_pieces_are_the_same_to_the_bit(void **state) {
         assert_memory_equal(pieces.way.reach, whole.way.reach, whole.hit_count * sizeof *whole.way.reach);
     }
     assert_true(most > 3u && zones > 100u);
+    free(motion.wake_m);
+}
+
+/* What is found at a pose, measured with so much work in each call. Returns how many calls it took. */
+static uint32_t measure_in_calls(const cr_pose *pose, uint32_t lookups, cr_contact_set *set, cr_way_work *work) {
+    const xform at = xform_from_pose(pose);
+    const cr_config config = cr_config_default();
+    const cr_respond_input in = {.field = &edge.field, .world_from_tool = &at, .set = set, .config = &config};
+    uint32_t calls = 1u;
+    cr_way_begin(&in, work);
+    while (!cr_way_measure(&in, work, lookups)) {
+        assert_true(work->spent >= lookups && work->spent < lookups + HIT_MOST);
+        work->spent = 0u;
+        calls++;
+    }
+    return calls;
+}
+
+/* The half-spaces are found and measured zone by zone and hit by hit. */
+static void depths_measured_in_pieces_are_the_same_to_the_bit(void **state) {
+    (void)state;
+    static cr_way_work at_once, in_pieces;
+    cr_motion motion;
+    memset(&motion, 0, sizeof motion);
+    motion.wake_count = edge.scene.group_count * CR_LANES;
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    uint64_t seed = 5u;
+    uint32_t most = 0u, deep = 0u;
+    for (int i = 0; i < 100; i++) {
+        cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
+        pose.rot = crt_random_rotation(&seed);
+        (void)gather_in_calls(&motion, &pose, UINT32_MAX, &whole);
+        assert_int_equal(measure_in_calls(&pose, UINT32_MAX, &whole, &at_once), 1);
+        const uint32_t calls = measure_in_calls(&pose, LOOKUPS, &whole, &in_pieces);
+        const uint32_t count = at_once.relations.half_count;
+        most = calls > most ? calls : most;
+        assert_int_equal(in_pieces.relations.half_count, count);
+        for (uint32_t h = 0; h < count; h++) {
+            const cr_way_half *a = &at_once.half[h], *b = &in_pieces.half[h];
+            assert_true(a->depth_m == b->depth_m && a->open == b->open);
+            assert_memory_equal(&a->normal, &b->normal, sizeof a->normal);
+            assert_memory_equal(&a->arm_m, &b->arm_m, sizeof a->arm_m);
+            deep += a->depth_m > 1e-3f;
+        }
+    }
+    assert_true(most > 2u && deep > 50u);
     free(motion.wake_m);
 }
 
@@ -236,6 +285,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_a_search_cannot_see_in_its_time_is_left_out),
         cmocka_unit_test(zones_gathered_in_pieces_are_the_same_to_the_bit),
+        cmocka_unit_test(depths_measured_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),
         cmocka_unit_test(late_force_ends_where_the_tool_leaves),
         cmocka_unit_test(late_force_at_rest_is_the_whole_one),

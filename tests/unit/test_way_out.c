@@ -440,12 +440,13 @@ static void resolve_pushes_no_contact_beyond_its_depth(void **state) {
     const float slope = sqrtf(0.5f);
     const cr_vec3 up = v3(0.0f, 0.0f, 1.0f), down = v3(0.0f, 0.0f, -1.0f), side = v3(1.0f, 0.0f, 0.0f),
                   between = v3(slope, 0.0f, slope);
+    static cr_way_along along;
     float push[3];
-    cr_way_resolve((cr_vec3[]){up, up}, (float[]){1e-3f, 1e-3f}, 2u, push); /* one wall in two: one push */
+    cr_way_resolve((cr_vec3[]){up, up}, (float[]){1e-3f, 1e-3f}, 2u, &along, push); /* one wall in two: one push */
     assert_true(fabsf(push[0] + push[1] - 1e-3f) < (float)MICRO_N);
-    cr_way_resolve((cr_vec3[]){up, down}, (float[]){1.2e-3f, 1e-3f}, 2u, push);
+    cr_way_resolve((cr_vec3[]){up, down}, (float[]){1.2e-3f, 1e-3f}, 2u, &along, push);
     assert_true(push[0] == 1.2e-3f && push[1] == 1e-3f);
-    cr_way_resolve((cr_vec3[]){up, side, between}, (float[]){1e-3f, 2e-3f, 1e-3f}, 3u, push);
+    cr_way_resolve((cr_vec3[]){up, side, between}, (float[]){1e-3f, 2e-3f, 1e-3f}, 3u, &along, push);
     assert_true(push[0] == 1e-3f && push[1] == 2e-3f && push[2] == 0.0f); /* led out of by the two already */
 }
 
