@@ -162,6 +162,14 @@ static void find_reach(const spots *at, uint32_t lanes, const cr_way_rows *e, ui
     }
 }
 
+/* Not filled with zeros: there is one for each plane of each hit. */
+static void set_spots(spots *at, const struct cr_img_cluster *c, uint32_t lanes, uint32_t count) {
+    at->c = c;
+    at->lanes = lanes;
+    at->count = count;
+    at->normal = NULL;
+}
+
 /* How deep below the plane that they are inside of the pieces of the lanes reach. */
 static void find_deep(spots *at) {
     const known *own = &at->planes[0];
@@ -382,7 +390,8 @@ static const float whole[CR_LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 
 static void over_solid(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                        const cr_heights *h) {
     for (uint32_t top = 0; top < p->count; top++) {
-        spots at = {.c = c, .lanes = lanes & h->highest[top], .count = p->count};
+        spots at;
+        set_spots(&at, c, lanes & h->highest[top], p->count);
         for (uint32_t k = 0; k < p->count; k++) {
             const uint32_t to = k == top ? 0u : k == 0u ? top : k;
             at.planes[to] = (known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
@@ -398,7 +407,8 @@ static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32
                          const cr_heights *h) {
     float height_m[CR_LANES] = {0.0f};
     for (uint32_t k = 0; k < p->count; k++) {
-        spots at = {.c = c, .lanes = 0u, .count = 1u};
+        spots at;
+        set_spots(&at, c, 0u, 1u);
         for (int i = 0; i < CR_LANES; i++) {
             height_m[i] = -h->height_m[k][i];
             at.lanes |= (uint32_t)(height_m[i] < c->ramp[i]) << i;
@@ -434,7 +444,9 @@ static void over_curved(const survey *s, spots *at, uint32_t surface, const cr_l
             part[i] = lower_f(1.0f, its / SIDE_FULL);
             on |= (uint32_t)(its > 0.0f) << i;
         }
-        spots some = {.c = at->c, .lanes = at->lanes & on, .count = 1u, .normal = at->normal};
+        spots some;
+        set_spots(&some, at->c, at->lanes & on, 1u);
+        some.normal = at->normal;
         some.planes[0] = at->planes[0];
         if (some.lanes != 0u) {
             count_lanes_for(s, &some, surface, side, part);
@@ -456,7 +468,9 @@ static void over_flat(const survey *s, spots *at, uint32_t index, const float *s
 /* Lanes that were looked up, on one surface, by their share. */
 static void over_surface(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface,
                          const cr_lookup *look, const cr_lanes3 *normal, const float *share) {
-    spots at = {.c = c, .lanes = lanes, .count = 1u, .normal = normal};
+    spots at;
+    set_spots(&at, c, lanes, 1u);
+    at.normal = normal;
     if (surface < CR_WAY_CURVED) {
         over_flat(s, &at, surface, share);
     } else {
@@ -487,7 +501,8 @@ static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share)
 /* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
 static void over_nothing(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look) {
     const cr_vec3 none = {0.0f, 0.0f, 0.0f};
-    spots at = {.c = c, .lanes = lanes, .count = 0u};
+    spots at;
+    set_spots(&at, c, lanes, 0u);
     at.planes[0] = (known){CR_FACET_NONE, 0, none, look->phi_m};
     count_lanes_for(s, &at, CR_WAY_NONE, 0u, whole);
 }

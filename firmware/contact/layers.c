@@ -37,19 +37,23 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
     return made;
 }
 
-/* Part of a piece that is inside, the mean depth of all of it, what is outside counting as zero, and how deep it is at most. */
+/* Part of a piece that is inside, the mean depth of all of it, what is outside counting as zero, and the width over which the height varies. */
 typedef struct {
-    float share, depth_m, deepest_m;
+    float share, depth_m, across_m;
 } part;
 
 /* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
 static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
     const float across = cr_way_width(c, i, n), most = 2.0f * c->ramp[i];
     const float width = clamp_f(across, WIDTH_MIN * most, most);
-    part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, 0.0f};
+    part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, across};
     p.depth_m = p.share < 1.0f ? 0.5f * width * p.share * p.share : -height_m;
-    p.deepest_m = 0.5f * CR_WAY_REACH * across + c->reach[i] - height_m;
     return p;
+}
+
+/* How deep it is at most. */
+static float deepest(const struct cr_img_cluster *c, int i, part p, float height_m) {
+    return 0.5f * CR_WAY_REACH * p.across_m + c->reach[i] - height_m;
 }
 
 /* The same where other planes cut the piece too: by what they leave of it. */
@@ -78,7 +82,7 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
         const part p = part_below(c, i, n, height_m[i]);
         out->depth_m[i] = has_lane(lanes, i) ? p.depth_m : out->depth_m[i]; /* others may be known from another cell */
         out->coverage[i] = has_lane(lanes, i) ? p.share : out->coverage[i];
-        deep = higher_f(deep, (float)((near >> i) & 1u) * p.deepest_m);
+        deep = higher_f(deep, (float)((near >> i) & 1u) * deepest(c, i, p, height_m[i]));
     }
     out->lanes |= lanes;
     reach_to(reach, n, deep);
@@ -94,22 +98,23 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t 
     }
 }
 
-/* A lane counts for its nearest plane, shared with those that are nearly as near, within half the width of its piece. */
-static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, float coverage,
+/* How much a lane counts for a plane before all are made to add up to 1: those within half the width of its piece of the nearest. */
+static float share_of(const struct cr_img_cluster *c, int i, const cr_heights *h, uint32_t k) {
+    return max_f(0.0f, h->height_m[k][i] - h->top_m[i] + c->ramp[i]);
+}
+
+/* A lane counts for its nearest plane, shared with those that are nearly as near. */
+static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top, float coverage,
                                  const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
-    const float near_m = h->top_m[i] - c->ramp[i];
-    float share[CR_KIND_FACETS_MAX] = {0.0f}, total = 0.0f;
-    uint32_t top = 0u;
+    const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage);
+    float total = 0.0f;
     for (uint32_t k = 0; k < p->count; k++) {
-        share[k] = max_f(0.0f, h->height_m[k][i] - near_m);
-        total += share[k];
-        top = h->height_m[k][i] > h->height_m[top][i] ? k : top;
+        total += share_of(c, i, h, k);
     }
-    const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage), per = 1.0f / total;
     for (uint32_t k = 0; k < p->count; k++) {
-        if (share[k] > 0.0f) {
-            const float its = share[k] * per;
-            lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * its, coverage * its);
+        const float its = share_of(c, i, h, k);
+        if (its > 0.0f) {
+            lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * (its / total), coverage * (its / total));
         }
     }
 }
@@ -144,9 +149,11 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     }
     out->reach.spread = NO_SPREAD; /* measured without a lookup: not worth knowing */
     out->reach.bound_m = max_f(0.0f, out->reach.bound_m);
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        fill_lane_over_solid(s, c, i, coverage[i], p, h, out);
+    for (uint32_t top = 0; top < p->count; top++) {
+        for (uint32_t left = lanes & h->highest[top]; left != 0u;) {
+            const int i = take_lane(&left);
+            fill_lane_over_solid(s, c, i, top, coverage[i], p, h, out);
+        }
     }
 }
 
@@ -253,7 +260,7 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr
         const float x = n.x - g->x[0], y = n.y - g->y[0], z = n.z - g->z[0];
         layer->depth_m[i] = out->full_m[i] = in * p.depth_m;
         layer->coverage[i] = in * p.share;
-        deep = higher_f(deep, near * p.deepest_m);
+        deep = higher_f(deep, near * deepest(c, i, p, at->phi_m[i]));
         apart2 = higher_f(apart2, near * (x * x + y * y + z * z));
     }
     layer->lanes |= lanes;
