@@ -37,8 +37,8 @@
 #error "CR_CLUSTERS_MAX: 16..65535 clusters"
 #endif
 
-/* Lookups of 16 points with which a tick searches for contact, unless cr_config says otherwise. They take about 0.1 ms on a desktop
- * core. A search that needs more goes on in the next tick (stats.late_ticks). */
+/* Work of a tick in lookups of 16 points, unless cr_config says otherwise: what is looked up, and what is made of it, weighed by what it costs.
+ * So much takes some tenths of a millisecond on a desktop core. An answer that needs more goes on in the next tick (stats.late_ticks). */
 #ifndef CR_LOOKUPS_MAX
 #define CR_LOOKUPS_MAX 2048
 #endif

@@ -129,10 +129,10 @@ typedef struct {
     uint32_t coverage;      /* cr_coverage */
     uint32_t skip;          /* CR_SKIP_* bits */
     uint32_t vertices_only; /* 1: only tool mesh vertices measure depth, as [1] does; 0: all samples */
-    uint32_t lookups_max; /* 32..1048576 lookups of 16 points in a tick: a search that needs more takes several ticks */
+    uint32_t lookups_max; /* 32..1048576, work of a tick in lookups of 16 points: an answer that needs more takes several ticks */
 } cr_config;
 
-/* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, zones, soft, all skips, CR_LOOKUPS_MAX. */
+/* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, the way out, all skips, CR_LOOKUPS_MAX. */
 cr_config cr_config_default(void);
 
 /* One contact zone of an area: what of a smooth piece of the static surface is touched. */
@@ -172,6 +172,7 @@ typedef struct {
     uint32_t areas_merged;     /* beyond CR_AREAS_MAX */
     uint32_t zones_dropped;    /* beyond CR_ZONES_MAX */
     uint32_t force_limited;    /* 1 when |force| was reduced to force_max_N */
+    uint32_t work;             /* done in this tick, in lookups of 16 points: what cr_config.lookups_max bounds */
 } cr_stats;
 
 /* Faults latch: output stays zero until cr_world_clear_fault. */
@@ -212,9 +213,10 @@ void cr_world_clear_fault(cr_world *world);
 
 /* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
  * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
- * Late     a search for contact that needs more than lookups_max is made over several ticks, from the pose it began with. Meanwhile
+ * Late     an answer that needs more work than lookups_max is found over several ticks, at the pose it began with. Meanwhile
  *          the last areas are answered: their planes stay, their points move with the tool, zones are not reported.
- * Errors   none: see faults and stats.   Cost  bounded by lookups_max and the capacities; typical figures in README.md. */
+ * Errors   none: see faults and stats.
+ * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
 
 #ifdef __cplusplus

@@ -1,6 +1,10 @@
 /* answer: the stages in their order, and the contacts they make. */
 #include "contact/way_out.h"
 
+/* Work, in lookups of 16 points: pairs of half-spaces that are resolved, and half-spaces that are reported, one in so many. */
+#define PAIRS_OF_WORK 256u
+#define HALVES_OF_WORK 2u
+
 /* A point on which a force along the normal has this moment about the tool origin, nearest to the middle of what is inside. */
 static cr_vec3 point_of_force(const cr_way_half *half, cr_vec3 middle) {
     return v3_mad(v3_cross(half->normal, half->arm_m), half->normal, v3_dot(half->normal, middle));
@@ -82,7 +86,8 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
         work->normal[h] = n;
         work->depth_m[h] = v3_dot(n, n) <= 0.5f ? 0.0f : half[h].depth_m * half[h].open;
     }
-    cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m);
+    work->spent +=
+        cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m) / PAIRS_OF_WORK + count / HALVES_OF_WORK;
     for (uint32_t h = 0; h < count; h++) {
         const float push_m = work->push_m[h];
         work->area[h] = CR_HIT_NONE;

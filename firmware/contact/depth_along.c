@@ -37,11 +37,12 @@ typedef struct {
 } survey;
 
 /* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of lanes whose longest way is looked for on their pieces, one in so many; of a zone that joins others, one in so
- * many. */
+ * many; of pairs of half-spaces. */
 #define WORK_OF_HIT 2u
 #define WORK_OF_LOOKUP 4u
 #define LANES_OF_WORK 4u
 #define ZONES_OF_WORK 2u
+#define PAIRS_OF_WORK 64u
 
 /* Planes that are known at the lanes of a cluster. */
 typedef struct {
@@ -635,6 +636,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
         work->spent += zones->count / ZONES_OF_WORK;
         if (step + 1u == zones->count) {
             cr_way_agree(&work->relations, work->half);
+            work->spent += work->relations.half_count * work->relations.half_count / PAIRS_OF_WORK;
         }
     }
     return work->next == steps;

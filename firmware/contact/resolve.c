@@ -1,11 +1,11 @@
 /* resolve: all half-spaces at once. WAY_OUT.md "All contacts at once". */
 #include "contact/way_out.h"
 
-#define SWEEPS 64
+#define SWEEPS 64u
 
 /* Each half-space is led out of by what it pushes itself and by what those on its side push along its normal. Those against it do not count: no contact
  * pushes more than its own depth, whatever pushes against it, and however often the surface is cut. */
-void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m) {
+uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m) {
     uint32_t felt[CR_WAY_ZONES_MAX], felt_count = 0u;
     float deepest = 0.0f;
     for (uint32_t j = 0; j < count; j++) {
@@ -20,8 +20,10 @@ void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count,
             along->part[j][i] = i == j ? 0.0f : max_f(0.0f, v3_dot(normal[felt[i]], normal[felt[j]]));
         }
     }
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+    uint32_t sweep = 0u;
+    while (sweep < SWEEPS) {
         float moved = 0.0f;
+        sweep++;
         for (uint32_t j = 0; j < felt_count; j++) {
             float led = 0.0f, *own = &lambda_m[felt[j]];
             for (uint32_t i = 0; i < felt_count; i++) {
@@ -35,4 +37,5 @@ void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count,
             break;
         }
     }
+    return (sweep + 2u) * felt_count * felt_count;
 }

@@ -260,12 +260,13 @@ static int respond(cr_world *w, const xform *at, cr_output *out) {
         w->answering = 1u;
     }
     w->way.spent += w->search.spent;
-    if (!cr_way_measure(&in, &w->way, w->config.lookups_max)) {
-        w->way.spent = 0u;
-        return 0;
+    const int whole = cr_way_measure(&in, &w->way, w->config.lookups_max);
+    if (whole) {
+        out->area_count = cr_way_answer(&in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
     }
-    out->area_count = cr_way_answer(&in, &w->way, out->areas, CR_AREAS_MAX, &out->stats);
-    return 1;
+    out->stats.work = w->way.spent;
+    w->way.spent = 0u;
+    return whole;
 }
 
 /* Answer the contact that was found, at the pose it was searched at; kept for ticks that come before the next answer. Returns whether it is answered. */
@@ -350,6 +351,7 @@ static void find_areas(cr_world *w, const cr_pose *pose, const xform *now, cr_ou
     if (!w->found) {
         search_on(w, at, &out->stats);
     }
+    out->stats.work = w->search.spent;
     if (w->found && answer_found(w, at, out)) {
         drop_proxy_in_free_space(w);
         w->held_age = w->searched_age;

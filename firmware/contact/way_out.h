@@ -152,8 +152,8 @@ typedef struct {
 } cr_way_along;
 
 /* Purpose  how much each half-space pushes: the sum of lambda normal is the shortest translation out of all; those that oppose each other do not see each other.
- * Shapes   normal unit, depth_m, out lambda_m: [count]; along: room. */
-void cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m);
+ * Shapes   normal unit, depth_m, out lambda_m: [count]; along: room.   Output  how many pairs of half-spaces were looked at. */
+uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m);
 
 /* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
 typedef struct {

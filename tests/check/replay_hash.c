@@ -2,7 +2,7 @@
  *
  *     replay_hash JOB [MADE.bin]
  *
- * MADE.bin gets what each tick made: of a recording its record, 512 bytes; of a path 17 words: cr_stats, areas, zones, force in N.
+ * MADE.bin gets what each tick made: of a recording its record, 512 bytes; of a path 18 words: cr_stats, areas, zones, force in N.
  * Prints `answers HASH all HASH ticks N touching N overflows N different N state N`. */
 #include "blob.h"
 #include "job.h"

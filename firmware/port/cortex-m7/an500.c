@@ -76,6 +76,7 @@ void can_wait(void) {
 
 cr_servo_config board_settings(void) {
     cr_servo_config config = cr_servo_config_default();
+    config.world.lookups_max = BOARD_LOOKUPS_MAX;
     config.bus.host_timeout_ms *= SLOWER;
     config.bus.torque_timeout_ms *= SLOWER;
     return config;

@@ -18,6 +18,9 @@ _Noreturn void board_stop(uint32_t why);
 /* SysTick's exception. */
 void board_systick(void);
 
+/* Work of a tick: 30,000 + 4,500 x 40 instructions at most, and one step more (DESIGN.md "On a Cortex-M7"). */
+#define BOARD_LOOKUPS_MAX 40u
+
 /* Purpose  the device behind this board, and how the loop runs it. */
 cr_servo_config board_settings(void);
 

@@ -141,7 +141,11 @@ int board_start(void) {
     return 0;
 }
 
-cr_servo_config board_settings(void) { return cr_servo_config_default(); }
+cr_servo_config board_settings(void) {
+    cr_servo_config config = cr_servo_config_default();
+    config.world.lookups_max = BOARD_LOOKUPS_MAX;
+    return config;
+}
 
 uint32_t board_wait_period(void) {
     __asm volatile("cpsid i" ::: "memory"); /* wfi wakes all the same, and no exception slips in before it */
