@@ -1,6 +1,7 @@
 /* resolve: all half-spaces at once. WAY_OUT.md "All contacts at once". */
 #include "contact/way_out.h"
 
+/* Most sweeps over the half-spaces: it ends when none moves by 1e-6 of the deepest. */
 #define SWEEPS 64
 
 /* Each half-space is led out of by what it pushes itself and by what those on its side push along its normal. Those against it do not count: no contact

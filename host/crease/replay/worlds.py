@@ -15,7 +15,7 @@ from crease.base.arguments import check_memory, check_whole
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene
-from crease.replay.replay import ROW
+from crease.replay.replay import DEFAULT_RESPONSE, ROW
 from crease.replay.world import PERIOD_S, POSE_NUMBERS, World
 
 F32 = npt.NDArray[np.float32]
@@ -44,7 +44,7 @@ class Worlds:
         *,
         stiffness: float = 1000.0,
         damping: float = 0.0,
-        response: str = "zones",
+        response: str = DEFAULT_RESPONSE,
         coverage: str = "soft",
         force_max: float | None = None,
         threads: int | None = None,
