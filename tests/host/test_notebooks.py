@@ -83,7 +83,10 @@ def test_responses_are_compared_by_their_numbers(tmp_path: Path) -> None:
     )
     rows = {line.split()[0]: [float(v) for v in line.split()[1:]] for line in said.splitlines()[1:]}
     assert set(rows) == {"way_out", "fixed45"}
-    (_, turn, amplification), (_, other_turn, other_amplification) = rows["way_out"], rows["fixed45"]
+    (_, turn, amplification), (_, other_turn, other_amplification) = (
+        rows["way_out"],
+        rows["fixed45"],
+    )
     assert turn < 2.0
     assert other_turn > 40.0
     assert amplification < 2.0 < other_amplification

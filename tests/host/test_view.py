@@ -376,7 +376,9 @@ def test_times_of_a_replay_are_the_least_of_its_repeats(
     assert read_table(out)["tick_ns"].max() == 5_000_000
 
 
-@pytest.mark.parametrize(("response", "damping"), [("way_out", 0), ("extent", 0), ("fixed45", 0), ("way_out", 5)])
+@pytest.mark.parametrize(
+    ("response", "damping"), [("way_out", 0), ("extent", 0), ("fixed45", 0), ("way_out", 5)]
+)
 def test_forces_of_the_areas_make_the_force_of_the_table(response: str, damping: int) -> None:
     scene = open_scene(BUILD / "scenes" / "part_spanner.crs")
     path = load_trajectory(BUILD / "meshes" / "part_spanner.csv")

@@ -56,7 +56,10 @@ def add_parser(sub: SubParsers) -> None:
     live.add_argument("--live", action="store_true", help="serve the loop; ends with Ctrl-C")
     add_stiffness(live)
     live.add_argument(
-        "--response", choices=list(RESPONSES), default=DEFAULT_RESPONSE, help="as for `crease replay`"
+        "--response",
+        choices=list(RESPONSES),
+        default=DEFAULT_RESPONSE,
+        help="as for `crease replay`",
     )
     live.add_argument(
         "--port",
