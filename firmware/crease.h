@@ -168,7 +168,7 @@ typedef struct {
     uint32_t nodes_coherent;   /* spheres not looked at thanks to temporal coherence */
     uint32_t late_ticks;       /* age of the pose whose contact is answered; 0: this tick's */
     uint32_t clusters_dropped; /* clusters in contact beyond CR_CLUSTERS_MAX, or not seen after CR_SEARCH_TICKS_MAX */
-    uint32_t touches_dropped;  /* beyond CR_TOUCHES_MAX */
+    uint32_t touches_dropped;  /* of a response of rivals/: surfaces touched beyond CR_TOUCHES_MAX */
     uint32_t areas_merged;     /* beyond CR_AREAS_MAX */
     uint32_t zones_dropped;    /* beyond CR_ZONES_MAX */
     uint32_t force_limited;    /* 1 when |force| was reduced to force_max_N */

@@ -54,7 +54,7 @@ class Worlds:
         threads: that tick; None: one for each core this process may use.
         Errors   SceneError for a setting out of range, a count or threads below 1, and more worlds than half of the
                  machine's memory holds.
-        Cost     72 kB of memory a world, more with a large tool; 0.1 s for a thousand.
+        Cost     100 kB of memory a world, more with a large tool; 0.1 s for a thousand.
         """
         count = check_whole("count", count, 1, SceneError)
         if threads is not None:
