@@ -94,8 +94,8 @@ cr_err cr_scene_open(cr_scene *scene, const void *image, size_t size_bytes);
 typedef enum {
     CR_RESPONSE_WAY_OUT = 0, /* the shortest translation that leads out: contact/DESIGN.md */
 #ifdef CR_RIVALS             /* for comparison on the host only: rivals/README.md */
-    CR_RESPONSE_EXTENT,      /* the extent of the overlap along its mean normal; with CR_COVERAGE_HARD the method as published [1] */
-    CR_RESPONSE_FIXED45,     /* equal weight to every zone at a crease: the method [1] is compared with */
+    CR_RESPONSE_EXTENT, /* the extent of the overlap along its mean normal; with CR_COVERAGE_HARD the method as published [1] */
+    CR_RESPONSE_FIXED45, /* equal weight to every zone at a crease: the method [1] is compared with */
     CR_RESPONSE_VOXMAP,
     CR_RESPONSE_DISTANCE_FIELD,
     CR_RESPONSE_DEEPEST_GROUP,
