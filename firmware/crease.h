@@ -94,8 +94,8 @@ cr_err cr_scene_open(cr_scene *scene, const void *image, size_t size_bytes);
 typedef enum {
     CR_RESPONSE_WAY_OUT = 0, /* the shortest translation that leads out: contact/DESIGN.md */
 #ifdef CR_RIVALS             /* for comparison on the host only: rivals/README.md */
-    CR_RESPONSE_EXTENT,      /* the extent of the overlap along its mean normal; with CR_COVERAGE_HARD the method as published [1] */
-    CR_RESPONSE_FIXED45,     /* equal weight to every zone at a crease: the method [1] is compared with */
+    CR_RESPONSE_EXTENT, /* the extent of the overlap along its mean normal; with CR_COVERAGE_HARD the method as published [1] */
+    CR_RESPONSE_FIXED45, /* equal weight to every zone at a crease: the method [1] is compared with */
     CR_RESPONSE_VOXMAP,
     CR_RESPONSE_DISTANCE_FIELD,
     CR_RESPONSE_DEEPEST_GROUP,
@@ -168,7 +168,7 @@ typedef struct {
     uint32_t nodes_coherent;   /* spheres not looked at thanks to temporal coherence */
     uint32_t late_ticks;       /* age of the pose whose contact is answered; 0: this tick's */
     uint32_t clusters_dropped; /* clusters in contact beyond CR_CLUSTERS_MAX, or not seen after CR_SEARCH_TICKS_MAX */
-    uint32_t touches_dropped;  /* beyond CR_TOUCHES_MAX */
+    uint32_t touches_dropped;  /* of a response of rivals/: surfaces touched beyond CR_TOUCHES_MAX */
     uint32_t areas_merged;     /* beyond CR_AREAS_MAX */
     uint32_t zones_dropped;    /* beyond CR_ZONES_MAX */
     uint32_t force_limited;    /* 1 when |force| was reduced to force_max_N */

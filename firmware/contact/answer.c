@@ -86,8 +86,8 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
         work->normal[h] = n;
         work->depth_m[h] = v3_dot(n, n) <= 0.5f ? 0.0f : half[h].depth_m * half[h].open;
     }
-    work->spent +=
-        cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m) / PAIRS_OF_WORK + count / HALVES_OF_WORK;
+    work->spent += cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m) / PAIRS_OF_WORK +
+                   count / HALVES_OF_WORK;
     for (uint32_t h = 0; h < count; h++) {
         const float push_m = work->push_m[h];
         work->area[h] = CR_HIT_NONE;

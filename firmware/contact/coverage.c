@@ -98,8 +98,8 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_im
     for (int i = 0; i < CR_LANES; i++) {
         area[i] = w[i] * c->area[i];
     }
-    const float *const by[] = {w, w, w, area, area, area, w},
-                *const of[] = {c->ax, c->ay, c->az, c->x, c->y, c->z, c->area};
+    const float *const by[] = {w, w, w, area, area, area, w}, *const of[] = {c->ax, c->ay, c->az,  c->x,
+                                                                             c->y,  c->z,  c->area};
     float *const to[] = {&sum->ax, &sum->ay, &sum->az, &sum->px, &sum->py, &sum->pz, &sum->area};
     for (size_t k = 0; k < sizeof to / sizeof *to; k++) {
         *to[k] = cr_sum_products(by[k], of[k]);

@@ -219,8 +219,7 @@ static void find_ways(const spots *at, uint32_t lanes, const cr_way_rows *e, flo
             const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
             const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
             const float least = there ? -(h + reach[i]) * per : NEVER_M;
-            const float gain = cr_way_gain(c, i, 0.5f * per * (reach[i] - c->reach[i]) / (0.5f * CR_WAY_REACH));
-            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], gain - h * per) : w->middle_m[i];
+            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
             w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
             w->steep[i] = higher_f(w->steep[i], leaves);
             second[i] = lower_f(second[i], higher_f(first[i], least));

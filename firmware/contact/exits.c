@@ -6,6 +6,7 @@
 
 /* A piece of face counts in full up to so many half-widths from its middle, and fades out from there on: pieces overlap, none leaves a gap. */
 #define FULL_FLAT 1.0f
+#define FULL_BENT 1.42f
 #define FADE 0.4f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
@@ -68,19 +69,10 @@ static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, p.u) : base_m;
     }
-    /* Flat ones may end at a crease, which has samples of its own. */
-    const float full = c->bow[i] > 0.0f ? CR_WAY_FULL_BENT : FULL_FLAT;
+    /* Pieces of a bent surface meet in corners 1.41 half-widths away; flat ones may end at a crease, which has samples of its own. */
+    const float full = c->bow[i] > 0.0f ? FULL_BENT : FULL_FLAT;
     const float part = clamp_f((full + FADE - out) / FADE, 0.0f, 1.0f);
     return part > 0.0f ? base_m + part * (first_exit(e, p.u) - c->bow[i] * out * out - base_m) : base_m;
-}
-
-/* Where a bent piece reaches farthest along one exit. */
-static place farthest(const struct cr_img_cluster *c, int i, const rival *r) {
-    const float steep = sqrtf(max_f(0.0f, v3_dot(r->gradient, r->spread))); /* twice what the way grows by in a half-width */
-    const float out = min_f(CR_WAY_FULL_BENT, 0.25f * steep / c->bow[i]);
-    const float s = steep > 0.0f ? 0.5f * out / steep : 0.0f;
-    const place p = {v3_scale(r->spread, s), v3_scale(r->gradient, s)};
-    return p;
 }
 
 /* Nearest place where two exits are as long as each other. */
@@ -124,9 +116,6 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
         best = max_f(best, max_f(first_exit(e, end), first_exit(e, v3_scale(end, -1.0f))));
     }
     for (uint32_t a = 0; a < count; a++) {
-        if (c->bow[i] > 0.0f) {
-            best = max_f(best, exit_at(c, i, e, farthest(c, i, &r[a]), base));
-        }
         for (uint32_t b = 0; b < a; b++) {
             best = tie_of_two(&r[a], &r[b], &p) ? max_f(best, exit_at(c, i, e, p, base)) : best;
             for (uint32_t d = 0; d < b && !is_crease; d++) {

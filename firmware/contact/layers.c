@@ -114,7 +114,8 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
     for (uint32_t k = 0; k < p->count; k++) {
         const float its = share_of(c, i, h, k);
         if (its > 0.0f) {
-            lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * (its / total), coverage * (its / total));
+            lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * (its / total),
+                    coverage * (its / total));
         }
     }
 }

@@ -1,11 +1,13 @@
 /* resolve: all half-spaces at once. WAY_OUT.md "All contacts at once". */
 #include "contact/way_out.h"
 
+/* Most sweeps over the half-spaces: it ends when none moves by 1e-6 of the deepest. */
 #define SWEEPS 64u
 
 /* Each half-space is led out of by what it pushes itself and by what those on its side push along its normal. Those against it do not count: no contact
  * pushes more than its own depth, whatever pushes against it, and however often the surface is cut. */
-uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m) {
+uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along,
+                        float *lambda_m) {
     uint32_t felt[CR_WAY_ZONES_MAX], felt_count = 0u;
     float deepest = 0.0f;
     for (uint32_t j = 0; j < count; j++) {

@@ -28,7 +28,7 @@ struct cr_world {
     /* The search for contact, and how many ticks ago it began, at motion.last. */
     cr_search search;
     uint32_t searched_age;
-    uint32_t found; /* 1: at its end, and not answered yet */
+    uint32_t found;     /* 1: at its end, and not answered yet */
     uint32_t answering; /* 1: the answer has begun */
     /* The last answer, at the pose it is true for. */
     cr_pose held_at;

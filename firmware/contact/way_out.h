@@ -24,15 +24,6 @@ static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_
     return 0.5f * CR_WAY_REACH * cr_way_width(c, i, n) + c->reach[i];
 }
 
-/* A piece of a bent surface counts in full up to so many half-widths from its middle: pieces meet in corners 1.41 half-widths away. */
-#define CR_WAY_FULL_BENT 1.42f
-
-/* How much longer than at its middle a way is where a bent piece reaches farthest, when it grows by rise_m a half-width. */
-static inline float cr_way_gain(const struct cr_img_cluster *c, int i, float rise_m) {
-    const float bow = c->bow[i], out = lower_f(CR_WAY_FULL_BENT, rise_m / higher_f(2.0f * bow, 1e-30f));
-    return bow > 0.0f ? (rise_m - bow * out) * out : 0.0f;
-}
-
 /* Purpose  zone of a key, or CR_WAY_NONE. */
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key);
 
@@ -153,7 +144,8 @@ typedef struct {
 
 /* Purpose  how much each half-space pushes: the sum of lambda normal is the shortest translation out of all; those that oppose each other do not see each other.
  * Shapes   normal unit, depth_m, out lambda_m: [count]; along: room.   Output  how many pairs of half-spaces were looked at. */
-uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along, float *lambda_m);
+uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along,
+                        float *lambda_m);
 
 /* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
 typedef struct {

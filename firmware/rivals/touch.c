@@ -273,7 +273,8 @@ static void take_lanes(touching *w, const cr_looked *l, uint32_t lanes) {
     }
 }
 
-void cr_touch_points(const cr_field *field, const xform *pose, const cr_looked *l, cr_contact_set *set, cr_stats *stats) {
+void cr_touch_points(const cr_field *field, const xform *pose, const cr_looked *l, cr_contact_set *set,
+                     cr_stats *stats) {
     touching w = {field, field->scene, pose, set, stats, 0.0f};
     for (uint32_t left = l->covered; left != 0u;) {
         uint32_t lanes = connected_lanes(l->c, left & (~left + 1u), left);

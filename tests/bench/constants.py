@@ -26,8 +26,8 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "golden")]
 
 import bench  # noqa: E402
-import test_golden as zones_golden  # noqa: E402
-import test_golden_way_out as way_golden  # noqa: E402
+import test_golden as way_golden  # noqa: E402
+import test_golden_extent as extent_golden  # noqa: E402
 from crease.base.errors import CreaseError  # noqa: E402
 from crease.base.scene import open_scene  # noqa: E402
 from crease.replay.measures import Accuracy, Felt, compare, motion_m  # noqa: E402
@@ -71,8 +71,8 @@ WAY_FILES = {
     *("answer.c", "depth_along.c", "exits.c", "gather.c", "layers.c", "relate.c", "resolve.c"),
     "way_out.h",
 }
-ZONE_FILES = {"depth.c", "respond.c", "split.c", "top.c", "zones.c"}
-GOLDEN = {"zones": zones_golden, "way_out": way_golden}
+GOLDEN = {"way_out": way_golden, "extent": extent_golden}
+EXACT = {"way_out": bench.EXACT, "extent": extent_golden.EXACT}
 NOTICED = 0.02
 """A figure that moves by less than this share of its bound did not move."""
 
@@ -89,10 +89,8 @@ class Constant:
 
     @property
     def responses(self) -> tuple[str, ...]:
-        """Responses whose answer may depend on it."""
-        if self.file in WAY_FILES:
-            return ("way_out",)
-        return ("zones",) if self.file in ZONE_FILES else ("zones", "way_out")
+        """Responses whose answer may depend on it: rivals share what detects, not what answers."""
+        return ("way_out",) if self.file in WAY_FILES else ("way_out", "extent")
 
     def scaled(self, factor: float) -> str:
         """The text of the value times a factor; whole numbers stay whole, and at least 1."""
@@ -181,8 +179,7 @@ class Laboratory:
         """The golden figures of a scene by a program of this laboratory."""
         golden = GOLDEN[response]
         spec = golden.SPECS[scene_name]
-        folder = bench.EXACT if response == "zones" else way_golden.EXACT
-        exact = read_exact(folder / str(spec.exact))
+        exact = read_exact(EXACT[response] / str(spec.exact))
         scene, path = open_scene(bench.SCENES / f"{scene_name}.crs"), load_trajectory(spec.path)
         image = np.frombuffer(bytes(scene.image), np.uint8)
         _run(words_for(program, self.folder, image, path.rows, ReplayOptions(response=response)))
@@ -218,18 +215,18 @@ def figures_of(
         for name in names or list(GOLDEN[response].SPECS):
             if name in GOLDEN[response].SPECS:
                 accuracy = lab.measure(program, response, name)
-                for measure in zones_golden.MEASURES:
+                for measure in way_golden.MEASURES:
                     found[response, name, measure] = float(getattr(accuracy, measure))
     return found
 
 
 def bounds_of() -> Figures:
     """The golden bounds of both responses."""
-    tables = {"zones": zones_golden.BOUNDS, "way_out": way_golden.BOUNDS}
+    tables = {response: golden.BOUNDS for response, golden in GOLDEN.items()}
     return {
         (response, *key): bound
         for response, table in tables.items()
-        for key, bound in zones_golden.read_bounds(table).items()
+        for key, bound in way_golden.read_bounds(table).items()
     }
 
 

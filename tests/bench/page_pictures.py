@@ -36,7 +36,7 @@ def crease(*words: object) -> None:
 
 def draw_page(out: Path, folder: Path) -> None:
     """Two replays side by side, as the page opens."""
-    tables = [folder / f"{response}.csv" for response in ("zones", "fixed45")]
+    tables = [folder / f"{response}.csv" for response in ("way_out", "fixed45")]
     for table in tables:
         crease("replay", SCENE, PATH, "-o", table, "--response", table.stem)
     crease("view", *tables, "--scene", SCENE, "-o", folder / "page.html")

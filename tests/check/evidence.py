@@ -26,13 +26,12 @@ FIRMWARE = ROOT / "firmware"
 COVERAGE = ROOT / "build/coverage/summary.txt"
 PROVED = ROOT / "build/proved.csv"
 SCENE = ROOT / "build/scenes/edge90_cube.crs"
-SMALL = ("CR_CLUSTERS_MAX=128", "CR_TOUCHES_MAX=96", "CR_AREAS_MAX=4", "CR_ZONES_MAX=4")
+SMALL = ("CR_CLUSTERS_MAX=128", "CR_AREAS_MAX=4", "CR_ZONES_MAX=4")
 CONFIGURATIONS = (
-    ("Cortex-M7", "m7", ("CR_WAY_OUT=0",)),
-    ("Cortex-M7, with way_out", "m7", ("CR_WAY_OUT=1",)),
-    ("Cortex-M7, small", "m7", ("CR_WAY_OUT=0", *SMALL)),
-    ("Cortex-M4 with FPU", "m4f", ("CR_WAY_OUT=0",)),
-    ("Cortex-M55", "m55", ("CR_WAY_OUT=0",)),
+    ("Cortex-M7", "m7", ()),
+    ("Cortex-M7, small", "m7", SMALL),
+    ("Cortex-M4 with FPU", "m4f", ()),
+    ("Cortex-M55", "m55", ()),
 )
 """Name, processor of device.mk, settings."""
 SIZES = """#include "servo.h"
@@ -168,7 +167,7 @@ def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> li
         f"show: ; @echo $(CPU_{cpu}) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES)",
         "show",
     ]
-    given = [w for w in call(show).split() if not w.startswith("-DCR_WAY_OUT")]
+    given = call(show).split()
     options = [w if not w.startswith("-I") else f"-I{ROOT / w[2:]}" for w in given]
     defines = [f"-D{setting}" for setting in settings]
     sources = sorted(p for room in ("contact", "servo") for p in (FIRMWARE / room).glob("*.c"))

@@ -166,8 +166,8 @@ def test_a_zephyr_application_feels_what_python_feels(
 
 
 def test_settings_of_zephyr_reach_library_and_application(tmp_path: Path) -> None:
-    checked = '_Static_assert(CR_AREAS_MAX == 4 && CR_CLUSTERS_MAX == 64 && CR_WAY_OUT == 0, "");\nint main'
-    conf = "CONFIG_CREASE=y\n# CONFIG_CREASE_SERVO is not set\n# CONFIG_CREASE_WAY_OUT is not set\n"
+    checked = '_Static_assert(CR_AREAS_MAX == 4 && CR_CLUSTERS_MAX == 64, "");\nint main'
+    conf = "CONFIG_CREASE=y\n# CONFIG_CREASE_SERVO is not set\n"
     conf += "CONFIG_CREASE_AREAS_MAX=4\nCONFIG_CREASE_CLUSTERS_MAX=64\n"
     build_zephyr(tmp_path, conf, PROGRAM.replace("int main", checked))
     commands = (tmp_path / "b/compile_commands.json").read_text("utf-8")
@@ -180,7 +180,7 @@ def test_settings_of_zephyr_have_the_defaults_of_the_header(tmp_path: Path) -> N
     text = (FIRMWARE / "config.h").read_text("utf-8")
     kconfig = (FIRMWARE / "zephyr/Kconfig").read_text("utf-8")
     names = re.findall(r"^config CREASE_(\w+_MAX)$", kconfig, re.MULTILINE)
-    assert len(names) == 5
+    assert len(names) == 4
     for name in names:
         said = re.search(rf"#define CR_{name} (\d+)", text)
         least = re.search(rf"#if CR_{name} < (\d+) \|\| CR_{name} > (\d+)", text)

@@ -32,8 +32,10 @@ from crease.replay.replay import ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import check_rows, load_trajectory
 from host_tools import Run, write_path
 
-PUBLISHED = METHODS[2]
+PUBLISHED = ReplayOptions(response="extent", coverage="hard")
 """Samples in or out: those in contact are those inside."""
+METHODS = (ReplayOptions(), ReplayOptions(response="extent"), PUBLISHED)
+"""Responses that part contact into areas and zones in their own way."""
 BUILD = Path(__file__).resolve().parents[2] / "build"
 
 
@@ -374,14 +376,16 @@ def test_times_of_a_replay_are_the_least_of_its_repeats(
     assert read_table(out)["tick_ns"].max() == 5_000_000
 
 
-@pytest.mark.parametrize(("response", "damping"), [("zones", 0), ("fixed45", 0), ("zones", 5)])
+@pytest.mark.parametrize(
+    ("response", "damping"), [("way_out", 0), ("extent", 0), ("fixed45", 0), ("way_out", 5)]
+)
 def test_forces_of_the_areas_make_the_force_of_the_table(response: str, damping: int) -> None:
     scene = open_scene(BUILD / "scenes" / "part_spanner.crs")
     path = load_trajectory(BUILD / "meshes" / "part_spanner.csv")
     options = ReplayOptions(700.0, damping, response)
     table = to_columns(path, run_path(scene, path, options))
     assert stiffness_N_m(table) == pytest.approx(700.0, rel=0.01)
-    areas = areas_of(scene, path, "soft", table)
+    areas = areas_of(scene, path, options, table)
     assert np.array_equal(areas.counts, table["areas"])
     force_N = forces_N(table)
     total_N = np.array([areas.of(i)["force_N"].sum(axis=0) for i in range(len(path))])

@@ -45,6 +45,8 @@ class Place:
 
     pair: Pair
     placed: Placed
+    response: str = DEFAULT_RESPONSE
+    """That slow paths are asked of."""
 
 
 def _surface(rng: Rng, mesh: Mesh, count: int) -> tuple[F64, F64]:
@@ -162,7 +164,8 @@ def graze(rng: Rng, place: Place, found: Found) -> Violation | None:
 def step(rng: Rng, place: Place, found: Found) -> Violation | None:
     """A slow path through contact: halve the step, halve the change."""
     poses = _walk(rng, place.pair, POSES, 0.1e-3, 0.5e-3)
-    bad, jump_m = checks.continuity(place.pair, place.placed, poses, ReplayOptions())
+    options = ReplayOptions(response=place.response)
+    bad, jump_m = checks.continuity(place.pair, place.placed, poses, options)
     found.numbers["jump, spacings"] = jump_m / place.placed.spacing_m
     found.ticks += POSES + 5 * (checks.BISECTIONS // 2) + 2
     return bad
@@ -285,12 +288,17 @@ KINDS: dict[str, tuple[Callable[[Rng, Place, Found], Violation | None], float]] 
 """Kinds of cases and how often each is drawn."""
 
 
-def run_case(seed: tuple[int, ...], pairs: list[Pair]) -> tuple[str, Place, Found]:
-    """One case: its kind, where it looked, and what it found.   Cost: about 5 ms."""
+def run_case(
+    seed: tuple[int, ...], pairs: list[Pair], response: str = DEFAULT_RESPONSE
+) -> tuple[str, Place, Found]:
+    """One case: its kind, where it looked, and what it found.   Cost: about 5 ms.
+
+    response: of the slow paths.
+    """
     rng = np.random.default_rng(seed)
     kind = str(rng.choice(list(KINDS), p=[share for _, share in KINDS.values()]))
     pair = pairs[int(rng.integers(len(pairs)))]
-    place = Place(pair, pair.here if rng.random() < 0.5 else pair.there)
+    place = Place(pair, pair.here if rng.random() < 0.5 else pair.there, response)
     found = Found()
     found.violation = KINDS[kind][0](rng, place, found) or found.violation
     if found.violation:

@@ -1,6 +1,6 @@
 /* Normal, contact plane and depth of contact areas, against closed forms. */
-#include "rivals/extent.h"
 #include "image_builder.h"
+#include "rivals/extent.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /* Contact areas are connected pieces of tool, contact zones smooth pieces of the static surface. */
-#include "rivals/extent.h"
 #include "image_builder.h"
+#include "rivals/extent.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -322,7 +322,8 @@ static void touches_tell_covered_lanes_apart_that_do_not_touch(void **state) {
     uint64_t seed = 17u;
     uint32_t parted = 0u;
     for (int n = 0; n < 2000; n++) {
-        cr_pose pose = crt_pose(crt_uniform(&seed, -12e-3, 12e-3), crt_uniform(&seed, -12e-3, 12e-3), crt_uniform(&seed, -12e-3, 12e-3));
+        cr_pose pose = crt_pose(crt_uniform(&seed, -12e-3, 12e-3), crt_uniform(&seed, -12e-3, 12e-3),
+                                crt_uniform(&seed, -12e-3, 12e-3));
         pose.rot = crt_random_rotation(&seed);
         group(&rig, &pose);
         for (uint32_t h = 0; h < set.hit_count; h++) {

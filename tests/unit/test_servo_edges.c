@@ -245,7 +245,7 @@ static void world_that_faults_stops_the_servo(void **state) {
     assert_int_equal(crt_plate_scene()->cluster_count, 3);
     memcpy(kept, c, sizeof kept);
     for (int i = 0; i < 3; i++) {
-        c[i].x[1] = NAN;
+        c[i].area[1] = NAN;
     }
     crt_servo_period(&rig, MS);
     memcpy(c, kept, sizeof kept);

@@ -17,7 +17,7 @@ from crease.loop.call import Felt, Loop
 from crease.loop.loop import NORMAL_GRIP, Hand
 from crease.replay.contacts import Watcher
 from crease.replay.recording import mode_names
-from crease.replay.replay import ReplayOptions
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions
 from crease.replay.trajectory import Trajectory
 
 F64 = npt.NDArray[np.float64]
@@ -66,7 +66,7 @@ class Session:
         path: Trajectory | None = None,
         *,
         stiffness: float = 1000.0,
-        response: str = "zones",
+        response: str = DEFAULT_RESPONSE,
         hand: Hand = NORMAL_GRIP,
     ) -> None:
         """Errors: CreaseError when the device refuses a setting or does not come up."""

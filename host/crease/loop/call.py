@@ -17,6 +17,7 @@ from crease.base.table import check_suffix, check_target, write_bytes
 from crease.loop import hil
 from crease.loop.loop import NORMAL_GRIP, Hand, Setup, bring_up, servo_config, sim_params
 from crease.replay.recording import SUFFIX, fault_names, mode_names, recording_bytes
+from crease.replay.replay import DEFAULT_RESPONSE
 from crease.replay.trajectory import Trajectory, check_rows
 from crease.replay.world import POSE_NUMBERS
 
@@ -115,7 +116,7 @@ class Loop:
         *,
         stiffness: float = 1000.0,
         damping: float | None = None,
-        response: str = "zones",
+        response: str = DEFAULT_RESPONSE,
         hand: Hand = NORMAL_GRIP,
         at: npt.ArrayLike | None = None,
         keep: bool = True,

@@ -52,7 +52,7 @@ def contact_topics(
     """
     world = "world"
     areas = find_areas(scene, path, options)
-    contacts = find_contacts(scene, path, options.coverage)
+    contacts = find_contacts(scene, path, options)
     samples_m, turns = tool_samples_m(scene), to_matrix(path.rows[:, 4:])
     starts = np.concatenate([[0], np.cumsum(contacts.ticks["changes"], dtype=np.int64)])
     state = np.zeros(len(samples_m), [("area", "<u4"), ("patch", "<i4")])

@@ -14,7 +14,7 @@ from crease.base.errors import SceneError
 from crease.base.native import ffi, lib
 from crease.base.records import record
 from crease.base.scene import Scene
-from crease.replay.replay import ReplayOptions, World
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, World
 from crease.replay.trajectory import Trajectory
 
 CHANGE, ZONE, TICK = record("crv_change"), record("crv_zone"), record("crv_tick")
@@ -93,12 +93,19 @@ def _clusters(scene: Scene) -> npt.NDArray[Any]:
     return np.frombuffer(ffi.buffer(scene.handle.clusters, size), CLUSTER)
 
 
-def find_contacts(scene: Scene, path: Trajectory, coverage: str) -> Contacts:
-    """Areas and zones along a path. They do not depend on response, stiffness or damping.
+def parted_as(options: ReplayOptions) -> ReplayOptions:
+    """Whose areas and zones a response is shown with: the way out has its own, rivals those of extent."""
+    if options.response == DEFAULT_RESPONSE:
+        return ReplayOptions()
+    return ReplayOptions(response="extent", coverage=options.coverage)
+
+
+def find_contacts(scene: Scene, path: Trajectory, options: ReplayOptions) -> Contacts:
+    """Areas and zones along a path, parted as `parted_as` says. They do not depend on stiffness or damping.
 
     Errors: SceneError when memory runs out.   Cost: that of the ticks, about 10 us each.
     """
-    world = World(scene, ReplayOptions(coverage=coverage))
+    world = World(scene, parted_as(options))
     watch = ffi.gc(lib.crv_watch_new(world.handle, scene.handle), lib.crv_watch_free)
     if watch == ffi.NULL:
         raise SceneError(f"{scene.source}: no memory for the contacts of its tool")

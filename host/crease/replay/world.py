@@ -208,7 +208,7 @@ class World:
         normal, never pulling. response: how contact becomes force, a key of `crease.RESPONSES`. coverage: `soft`, a
         sample counts by its part that is inside; `hard`, in or out, not with `way_out`. force_max: N, 1e-6 to 1e6,
         limit of |force|; None: 100.
-        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 72 kB and a millisecond.
+        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 100 kB and a millisecond.
         Source   firmware/crease.h `cr_config`; firmware/rivals/README.md for responses of other authors.
         """
         for what, name, known in (

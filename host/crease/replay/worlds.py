@@ -15,7 +15,7 @@ from crease.base.arguments import check_memory, check_whole
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene
-from crease.replay.replay import ROW
+from crease.replay.replay import DEFAULT_RESPONSE, ROW
 from crease.replay.world import PERIOD_S, POSE_NUMBERS, World
 
 F32 = npt.NDArray[np.float32]
@@ -44,7 +44,7 @@ class Worlds:
         *,
         stiffness: float = 1000.0,
         damping: float = 0.0,
-        response: str = "zones",
+        response: str = DEFAULT_RESPONSE,
         coverage: str = "soft",
         force_max: float | None = None,
         threads: int | None = None,
@@ -54,7 +54,7 @@ class Worlds:
         threads: that tick; None: one for each core this process may use.
         Errors   SceneError for a setting out of range, a count or threads below 1, and more worlds than half of the
                  machine's memory holds.
-        Cost     72 kB of memory a world, more with a large tool; 0.1 s for a thousand.
+        Cost     100 kB of memory a world, more with a large tool; 0.1 s for a thousand.
         """
         count = check_whole("count", count, 1, SceneError)
         if threads is not None:

@@ -10,6 +10,7 @@ from crease.base.errors import CreaseError
 from crease.base.native import RESPONSES
 from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, read_table, write_bytes
+from crease.replay.replay import DEFAULT_RESPONSE
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -55,7 +56,10 @@ def add_parser(sub: SubParsers) -> None:
     live.add_argument("--live", action="store_true", help="serve the loop; ends with Ctrl-C")
     add_stiffness(live)
     live.add_argument(
-        "--response", choices=list(RESPONSES), default="zones", help="as for `crease replay`"
+        "--response",
+        choices=list(RESPONSES),
+        default=DEFAULT_RESPONSE,
+        help="as for `crease replay`",
     )
     live.add_argument(
         "--port",

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.native import RESPONSES
+from crease.base.native import COVERAGES, RESPONSES
 from crease.base.scene import Scene
 from crease.draw.plot import forces_N
 from crease.replay.contacts import Areas, find_areas, tool_samples_m
 from crease.replay.measures import angle_deg, motion_m
-from crease.replay.replay import ReplayOptions
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory
 
 F64 = npt.NDArray[np.float64]
@@ -74,28 +75,57 @@ def jumps(force_N: F64, amplification: F64) -> npt.NDArray[np.int64]:
     return np.array([p[np.argmax(step_N[p])] for p in parts if len(p)], np.int64)
 
 
-def areas_of(scene: Scene, path: Trajectory, coverage: str, table: Table) -> Areas:
-    """The contact areas of a table, each with its share of the table's force.
+@dataclass(frozen=True)
+class Answered:
+    """Who answered a table: response and coverage, and how many ticks count something else when they run again."""
 
-    The path runs again with each response until one gives the table's directions, else the nearest; forces are then
-    scaled tick by tick to the table's: stiffness, damping and limits are not in it.   Errors: SceneError.
+    options: ReplayOptions
+    differ: int
+
+
+ANSWERS = tuple(
+    ReplayOptions(response=response, coverage=coverage)
+    for coverage in COVERAGES
+    for response in RESPONSES
+    if (response, coverage) != (DEFAULT_RESPONSE, "hard")
+)
+"""Every response in every coverage that it has, the library's own first."""
+
+
+def who_answered(scene: Scene, path: Trajectory, table: Table) -> Answered:
+    """The response that gives a table's counts of areas, zones and samples, and its directions; else the nearest.
+
+    The path runs again with one after the other. Stiffness, damping and limits are not in a table, so lengths of
+    forces are not compared.   Errors: SceneError.   Cost: that of the ticks; all responses when none fits.
     """
     force_N = forces_N(table)
-    best, least = None, np.inf
-    for response in RESPONSES:
-        areas = find_areas(scene, path, ReplayOptions(coverage=coverage, response=response))
-        total_N = _sums(areas)
-        off = float(angle_deg(total_N, force_N).mean())
-        off += 180.0 * float(((total_N != 0).any(axis=1) != (force_N != 0).any(axis=1)).mean())
-        if off < least:
-            best, least = areas, off
-        if off < _SAME_DEG:
+    best, least = Answered(ReplayOptions(), len(path)), (len(path) + 1, np.inf)
+    for options in ANSWERS:
+        rows = run_path(scene, path, options)
+        differ = np.zeros(len(path), np.bool_)
+        for name in ("areas", "zones", "contacts"):
+            differ |= rows[name] != table[name]
+        found_N = rows["force_N"].astype(np.float64)
+        off = float(angle_deg(found_N, force_N).mean())
+        off += 180.0 * float(((found_N != 0).any(axis=1) != (force_N != 0).any(axis=1)).mean())
+        if (int(differ.sum()), off) < least:
+            least = (int(differ.sum()), off)
+            best = Answered(options, int(differ.sum()))
+        if not differ.any() and off < _SAME_DEG:
             break
-    assert best is not None  # an angle is a number
-    size_N = np.linalg.norm(_sums(best), axis=1)
-    scale = np.linalg.norm(force_N, axis=1) / np.where(size_N > 0.0, size_N, 1.0)
-    best.areas["force_N"] *= np.repeat(scale, best.counts)[:, None].astype(np.float32)
     return best
+
+
+def areas_of(scene: Scene, path: Trajectory, options: ReplayOptions, table: Table) -> Areas:
+    """The contact areas of a table that `options` answered, each with its share of the table's force.
+
+    Forces are scaled tick by tick to the table's.   Errors: SceneError.
+    """
+    areas = find_areas(scene, path, options)
+    size_N = np.linalg.norm(_sums(areas), axis=1)
+    scale = np.linalg.norm(forces_N(table), axis=1) / np.where(size_N > 0.0, size_N, 1.0)
+    areas.areas["force_N"] *= np.repeat(scale, areas.counts)[:, None].astype(np.float32)
+    return areas
 
 
 def _sums(areas: Areas) -> F64:

@@ -16,11 +16,20 @@ from crease.bake.bodies import Body, read_bodies, reduce_body
 from crease.base.errors import SceneError, TableError
 from crease.base.scene import Scene
 from crease.draw.plot import forces_N, torques_Nm, turn_deg
-from crease.draw.view.felt import amplifications, areas_of, jumps, moved_m, start_s, stiffness_N_m
+from crease.draw.view.felt import (
+    Answered,
+    amplifications,
+    areas_of,
+    jumps,
+    moved_m,
+    start_s,
+    stiffness_N_m,
+    who_answered,
+)
 from crease.draw.view.pack import Packer
 from crease.draw.view.scripts import load_scripts
-from crease.replay.contacts import NO_PATCH, Contacts, find_contacts, tool_samples_m
-from crease.replay.replay import COLUMNS
+from crease.replay.contacts import NO_PATCH, Contacts, find_contacts, parted_as, tool_samples_m
+from crease.replay.replay import COLUMNS, ReplayOptions
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
 from crease.replay.trajectory import Trajectory, check_rows
 
@@ -96,25 +105,11 @@ def path_of(replay: Replay) -> Trajectory:
     return check_rows(rows, replay.name)
 
 
-def _disagreement(
-    replay: Replay, contacts: Contacts, names: tuple[str, ...] = ("areas", "zones", "contacts")
-) -> int:
-    """Ticks of which one of the counts `names` is not that of the table."""
-    differ: npt.NDArray[np.bool_] = np.zeros(len(contacts.ticks), np.bool_)
-    for name in names:
-        differ |= contacts.ticks[name] != replay.table[name]
-    return int(np.count_nonzero(differ))
-
-
 def _check_scene(made: _Made, replay: Replay, contacts: Contacts, differ: int) -> None:
-    """Errors: SceneError when the table is of another scene. A few ticks that differ are worth a warning.
-
-    Others' methods answer with areas of their own; their samples inside are the same.
-    """
-    touching = contacts.ticks["contacts"] > 0
-    if differ == 0 or (touching.any() and _disagreement(replay, contacts, ("contacts",)) == 0):
-        return
+    """Errors: SceneError when the table is of another scene. A few ticks that differ are worth a warning."""
     touching = (contacts.ticks["areas"] > 0) | (np.asarray(replay.table["areas"]) > 0)
+    if differ == 0:
+        return
     if 2 * differ > np.count_nonzero(touching):
         raise SceneError(
             f"{made.scene.source}: does not give the contacts of {replay.name}; name the scene that was replayed"
@@ -125,39 +120,29 @@ def _check_scene(made: _Made, replay: Replay, contacts: Contacts, differ: int) -
     )
 
 
-def _contacts_of(made: _Made, replay: Replay, path: Trajectory) -> int:
-    """Index into made.contacts. The method is the one that gives the table's counts of areas, zones and samples.
-
-    Errors: SceneError when the table is of another scene.
-    """
-    best, least = 0, len(path) + 1
-    for method in METHODS:
-        known = [
-            i
-            for i, (other, kind, _) in enumerate(made.contacts)
-            if kind == method and np.array_equal(other.rows, path.rows)
-        ]
-        if not known:
-            known = [len(made.contacts)]
-            made.contacts.append((path, method, find_contacts(made.scene, path, method)))
-        differ = _disagreement(replay, made.contacts[known[0]][2])
-        if differ < least:
-            best, least = known[0], differ
-        if differ == 0:
+def _contacts_of(made: _Made, replay: Replay, path: Trajectory, answered: Answered) -> int:
+    """Index into made.contacts.   Errors: SceneError when the table is of another scene."""
+    parted = parted_as(answered.options)
+    for i, (other, kind, _) in enumerate(made.contacts):
+        if kind == parted and np.array_equal(other.rows, path.rows):
+            at = i
             break
-    _check_scene(made, replay, made.contacts[best][2], least)
-    return best
+    else:
+        at = len(made.contacts)
+        made.contacts.append((path, parted, find_contacts(made.scene, path, parted)))
+    _check_scene(made, replay, made.contacts[at][2], answered.differ)
+    return at
 
 
 def _add_replay(
-    made: _Made, key: str, replay: Replay, path: Trajectory, coverage: str
+    made: _Made, key: str, replay: Replay, path: Trajectory, options: ReplayOptions
 ) -> dict[str, Any]:
     """What the header says of a replay: its stiffness and its jumps."""
     packer, table = made.packer, replay.table
     force_N, stiffness = forces_N(table), stiffness_N_m(table)
     shift_m = np.stack([table[f"d{axis}_m"] for axis in "xyz"], axis=1) - path.position_m
     amplification = amplifications(force_N, stiffness, moved_m(made.scene, path))
-    areas = areas_of(made.scene, path, coverage, table)
+    areas = areas_of(made.scene, path, options, table)
     packer.add_numbers(f"{key}.t_s", path.t_s - path.t_s[0], _TIME_S)
     packer.add_numbers(f"{key}.position_m", path.position_m, _POSITION_M)
     packer.add_numbers(f"{key}.quaternion", path.rows[:, 4:], _ANGLE)
@@ -289,11 +274,14 @@ def make_page(replays: Sequence[Replay], scene: Scene, title: str) -> Page:
     static, tool = read_bodies(scene)
     made = _Made(scene)
     paths = [path_of(replay) for replay in replays]
-    index = [_contacts_of(made, *pair) for pair in zip(replays, paths, strict=True)]
+    answered = [
+        who_answered(scene, path, replay.table) for replay, path in zip(replays, paths, strict=True)
+    ]
+    index = [_contacts_of(made, *each) for each in zip(replays, paths, answered, strict=True)]
     used = sorted(set(index))
     patches = _patches(made, used)
     found = [
-        _add_replay(made, f"replay{i}", replay, path, made.contacts[index[i]][1])
+        _add_replay(made, f"replay{i}", replay, path, answered[i].options)
         for i, (replay, path) in enumerate(zip(replays, paths, strict=True))
     ]
     for i in used:
