@@ -4,10 +4,8 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
-/* A piece of face counts in full up to so many half-widths from its middle, and fades out from there on: pieces overlap, none leaves a gap. */
-#define FULL_FLAT 1.0f
-#define FULL_BENT 1.42f
-#define FADE 0.4f
+/* Pieces meet in corners so many half-widths from their middles. */
+#define END 1.42f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
@@ -63,16 +61,17 @@ typedef struct {
     cr_vec3 u, y;
 } place;
 
-/* Exit at a place of a piece, as far as it is on it: a piece of face fades out from its border on and bends back behind its plane. */
+/* Exit at a place of a piece, or, when that lies beyond its border, where the way to it crosses the border: it fades out from where the piece ends for
+ * certain. A bent piece lies behind its plane. */
 static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, place p, float base_m) {
     const float out = 2.0f * sqrtf(max_f(0.0f, v3_dot(p.u, p.y)));
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, p.u) : base_m;
     }
-    /* Pieces of a bent surface meet in corners 1.41 half-widths away; flat ones may end at a crease, which has samples of its own. */
-    const float full = c->bow[i] > 0.0f ? FULL_BENT : FULL_FLAT;
-    const float part = clamp_f((full + FADE - out) / FADE, 0.0f, 1.0f);
-    return part > 0.0f ? base_m + part * (first_exit(e, p.u) - c->bow[i] * out * out - base_m) : base_m;
+    const float full = c->bow[i] > 0.0f ? END : 1.0f, at = min_f(out, full);
+    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - END), 0.0f, 1.0f);
+    const float way_m = first_exit(e, v3_scale(p.u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
+    return base_m + part * (way_m - base_m);
 }
 
 /* Nearest place where two exits are as long as each other. */

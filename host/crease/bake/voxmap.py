@@ -130,9 +130,10 @@ class CellSorter:
         """Cells of one brick by their corners: kinds, whether corners disagree on the patch, whether it is near."""
         shape = (CELLS_SIDE,) * 3
         corners_phi = np.abs(_corners(phi))
-        close = (corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m).reshape(
-            shape
-        )
+        close = (
+            (corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m)
+            | (_corners(phi).min(axis=1) < 0.0)
+        ).reshape(shape)
         if (facet == facet[0, 0, 0]).all():
             return (
                 np.full(shape, self._plain(int(facet[0, 0, 0])), np.int32),
