@@ -547,8 +547,8 @@ static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t 
         over_surface(s, c, lanes, surface, look, normal, whole);
         return;
     }
-    over_cells(s, c, lanes & ~look->from_facet, look, world, normal);
-    lanes &= look->from_facet;
+    over_cells(s, c, lanes & ~look->on_planes, look, world, normal);
+    lanes &= look->on_planes;
     while (lanes != 0u) {
         const uint32_t same = cr_way_same_cell(look, lanes);
         uint32_t first = same;

@@ -113,7 +113,6 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
     cr_vec3 grad;
     out->phi_m[lane] = sign * cr_convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
-    out->kind[lane] = index;
     out->from_facet |= 1u << lane;
     out->bent |= (uint32_t)(v3_dot(grad, normal[nearest]) < 0.99999f) << lane;
     out->gx[lane] = sign * grad.x;
@@ -123,11 +122,17 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
 
 /* A lane in a brick with crease cells: its distance comes from planes when its cell has them and the surface is near. */
 static inline void use_crease(const cr_field *f, const cr_lanes3 *p, int i, cr_lookup *out) {
-    if (abs_f(out->phi_m[i]) >= f->scene->meta->crease_m) {
+    const float crease_m = f->scene->meta->crease_m, phi = out->phi_m[i];
+    if (phi >= crease_m) {
         return;
     }
-    uint32_t kind = cr_field_kind(f, out, i), what = f->scene->kinds[kind].kind;
-    if (what == CR_KIND_CONVEX || what == CR_KIND_CONCAVE) {
+    const uint32_t kind = cr_field_kind(f, out, i), what = f->scene->kinds[kind].kind;
+    if (what != CR_KIND_CONVEX && what != CR_KIND_CONCAVE) {
+        return;
+    }
+    out->kind[i] = kind;
+    out->on_planes |= 1u << i;
+    if (phi > -crease_m) {
         use_planes(f, kind, v3(p->x[i], p->y[i], p->z[i]), i, out);
     }
 }
@@ -147,7 +152,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     const cr_scene *s = f->scene;
     const struct cr_img_meta *m = s->meta;
     const float inv = f->inv_brick, quantum = m->quantum_m, slope = quantum * inv;
-    out->from_facet = 0u;
+    out->from_facet = out->on_planes = 0u;
     out->bent = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
@@ -326,7 +331,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     find_places(f, p, out, top, beyond_m);
     lane_sets sets = load_corners(f, top, lanes, out, &c);
     interpolate(f, &c, out);
-    out->from_facet = 0u;
+    out->from_facet = out->on_planes = 0u;
     out->bent = 0u;
     if (sets.far != 0u) {
         use_bounds(f, beyond_m, out);

@@ -38,7 +38,7 @@ static void add_vector(cr_vec3 *sum, float w, float x, float y, float z) { *sum 
 static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_way_layers *l, const cr_way_layer *layer,
                       cr_way_zone *z) {
     static const cr_way_zone none = {0};
-    const int flat = layer->surface < CR_WAY_CURVED;
+    const int flat = layer->surface < CR_WAY_CURVED || layer->surface == CR_WAY_NONE; /* no normals of lanes */
     *z = none;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
@@ -143,5 +143,6 @@ void cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint3
     } else {
         cr_way_over_lookup(f, pose, looked->c, lanes, looked->coverage, looked->at, looked->world, &set->way.layers);
     }
+    cr_way_fade(f->scene, lanes, &set->way.layers);
     add_layers(f->scene, pose, set, hit);
 }

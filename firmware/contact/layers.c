@@ -12,6 +12,8 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
     return along > 0.0f && length2 > 0.0f ? along * along / length2 : 0.0f;
 }
 
+/* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. */
+#define BAND_PER_REACH 1.1f
 /* A spread of normals of which nothing follows. */
 #define NO_SPREAD 3.0f
 
@@ -220,7 +222,7 @@ static void fill_looked_up(const cr_field *f, const cr_way_facets *on, int i, cr
 
 uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
     uint32_t common = CR_WAY_NONE, last = CR_TOP_FAR;
-    if ((lanes & at->from_facet) != 0u) {
+    if ((lanes & at->on_planes) != 0u) {
         return CR_WAY_NONE;
     }
     while (lanes != 0u) {
@@ -369,12 +371,12 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
         fill_common(f, pose, c, lanes, surface, at, &out->normal, out);
         return;
     }
-    fill_over_cells(f, pose, c, lanes & at->from_facet, coverage, at, out);
-    lanes &= ~at->from_facet;
+    fill_over_cells(f, pose, c, lanes & at->on_planes, coverage, at, out);
+    lanes &= ~at->on_planes;
     if (lanes == 0u) {
         return;
     }
-    reach_all(f, pose, c, out->near & ~at->from_facet, at, world, &out->normal, &out->reach);
+    reach_all(f, pose, c, out->near & ~at->on_planes, at, world, &out->normal, &out->reach);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         const cr_vec3 n = v3(out->normal.x[i], out->normal.y[i], out->normal.z[i]);
@@ -385,5 +387,33 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
         cr_way_facets_of(f, at, i, p, &on);
         fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, coverage[i]),
                        coverage[i], out);
+    }
+}
+
+/* Distance up to which the image has samples, m: bricks farther inside say no more than how far at least. */
+static float depth_of_bricks(const struct cr_img_meta *m) { return (m->band_m - 1.7320508f * m->brick_m) / BAND_PER_REACH; }
+
+/* Lanes that are deeper than a limit were once known by their facets, and are not farther in: in the last voxel before that they pass from the
+ * surfaces that they are over to none. */
+void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
+    const float most_m = depth_of_bricks(s->meta), voxel_m = s->meta->voxel_m;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        float depth = 0.0f, moved = 0.0f, seen = 0.0f;
+        for (uint32_t k = 0; k < l->count; k++) {
+            depth += l->layers[k].depth_m[i];
+        }
+        if (!(depth > most_m - voxel_m)) {
+            continue;
+        }
+        const float kept = clamp_f((most_m - depth) / voxel_m, 0.0f, 1.0f), scale = min_f(1.0f, most_m / depth);
+        for (uint32_t k = 0; k < l->count; k++) {
+            cr_way_layer *layer = &l->layers[k];
+            moved += scale * (1.0f - kept) * layer->depth_m[i];
+            seen += (1.0f - kept) * layer->coverage[i];
+            layer->depth_m[i] *= scale * kept;
+            layer->coverage[i] *= kept;
+        }
+        lane_to(l, CR_WAY_NONE, 0u, CR_FACET_NONE, i, moved, seen);
     }
 }

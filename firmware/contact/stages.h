@@ -16,9 +16,10 @@ typedef struct {
     float gx[CR_LANES], gy[CR_LANES], gz[CR_LANES]; /* gradient, world frame; 0 in far bricks */
     float ux[CR_LANES], uy[CR_LANES], uz[CR_LANES]; /* position in the brick, 0..1 */
     uint32_t entry[CR_LANES];                       /* top entry of the brick */
-    uint32_t facet[CR_LANES];                       /* where bit is set in from_facet: facet whose plane is highest, */
-    uint32_t kind[CR_LANES];                        /* and what the cell sees */
-    uint32_t from_facet;                            /* lanes whose phi is from the planes of their cell */
+    uint32_t facet[CR_LANES];                       /* where bit is set in from_facet: facet whose plane is highest */
+    uint32_t kind[CR_LANES];                        /* where bit is set in on_planes: what the cell sees */
+    uint32_t on_planes;                             /* lanes in cells with planes that meet; */
+    uint32_t from_facet;                            /* of these, those whose phi is from them: near the surface */
     uint32_t bent; /* of these, lanes nearest to an edge or a vertex: phi is not linear there */
 } cr_lookup;
 #define CR_FACET_NONE 0xffffffffu
@@ -51,7 +52,7 @@ void cr_field_init(cr_field *field, const cr_scene *scene);
 void cr_field_look_up(const cr_field *field, const cr_lanes3 *world_m, cr_lookup *out);
 
 /* Purpose  the same for some lanes only.   Shapes  lanes: bits of CR_LANES; the others must be finite too.
- * Output   the lanes asked for; the others hold anything, and no bit of from_facet and bent.
+ * Output   the lanes asked for; the others hold anything, and no bit of on_planes, from_facet and bent.
  * Cost     with CR_SCALAR about 150 instructions a lane, 70 in far bricks. */
 void cr_field_look_up_lanes(const cr_field *field, const cr_lanes3 *world_m, uint32_t lanes, cr_lookup *out);
 

@@ -52,6 +52,9 @@ void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, con
                         uint32_t lanes, const float *coverage, const cr_lookup *at, const cr_lanes3 *world,
                         cr_way_layers *out);
 
+/* Purpose  lanes as deep as the image has no samples pass to no surface, continuously. */
+void cr_way_fade(const cr_scene *scene, uint32_t lanes, cr_way_layers *layers);
+
 /* Purpose  the surface that all lanes are over, where it is one and not at a crease: a facet that is not curved, or CR_WAY_CURVED with the patch.
  * Output   CR_WAY_NONE where there is no such. */
 uint32_t cr_way_common(const cr_field *field, const cr_lookup *at, uint32_t lanes);
