@@ -40,7 +40,7 @@
 /* Work of a tick in lookups of 16 points, unless cr_config says otherwise: what is looked up, and what is made of it, weighed by what it costs.
  * So much takes some tenths of a millisecond on a desktop core. An answer that needs more goes on in the next tick (stats.late_ticks). */
 #ifndef CR_LOOKUPS_MAX
-#define CR_LOOKUPS_MAX 2048
+#define CR_LOOKUPS_MAX 8192
 #endif
 #if CR_LOOKUPS_MAX < 32 || CR_LOOKUPS_MAX > 1048576
 #error "CR_LOOKUPS_MAX: 32..1048576 lookups"
