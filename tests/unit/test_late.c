@@ -15,8 +15,8 @@
 #define PERIOD_S 1e-3f
 #define STIFFNESS_N_M 1000.0f
 #define LOOKUPS 96u
-/* Work of one hit of a cube at most: 16 lanes, two planes, both pieces. */
-#define HIT_MOST 16u
+/* Work of one hit at most: looked up, and each of 16 lanes called for by itself and looked at, for two half-spaces. */
+#define HIT_MOST (4u + 16u * 2u * 2u)
 /* The distances of the image are rounded to this, and the force with them. */
 #define ROUNDING_N 2e-3f
 
