@@ -28,6 +28,7 @@
 /* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. Where less than SEEN_BY samples are
  * inside, which surface they are inside of tells less than which way they face: more by what is missing, up to tenfold. */
 #define TWICE 2.0f
+#define NO_LIMIT 1e30f
 #define SEEN_LEAST 0.1f
 /* Weight of two zones, as a share of that of a third, from which on their disagreement counts in full. */
 #define COUNTS 0.3f
@@ -137,11 +138,35 @@ static cr_vec3 favour_large(const cr_way_zones *zones, const cr_vec3 *unit, cons
     return sum;
 }
 
-/* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. Projected
- * Gauss-Seidel; a normal that is related by a part only is held back. */
+/* Alphas that make a sum of the normals, each at most limit times its zone's share of the weight: projected Gauss-Seidel. A normal that is related by a part
+ * only is held back. Returns what is left of the sum. */
+static cr_vec3 project(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float per_weight, float limit,
+                       float tiny, cr_vec3 left, float *alpha) {
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        float moved = 0.0f;
+        for (uint32_t c = 0; c < zones->count; c++) {
+            if (!(part[c] > 0.0f)) {
+                continue;
+            }
+            const float held = 1.0f / part[c] - 1.0f;
+            const float most = part[c] * limit * zones->zones[c].weight_m3 * per_weight;
+            const float next =
+                clamp_f(alpha[c] + (v3_dot(unit[c], left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
+            left = v3_mad(left, unit[c], alpha[c] - next);
+            moved = max_f(moved, abs_f(next - alpha[c]));
+            alpha[c] = next;
+        }
+        if (moved <= tiny) {
+            break;
+        }
+    }
+    return left;
+}
+
+/* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. */
 static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_vec3 sum,
                          float per_weight, float rules, float seen) {
-    float alpha[CR_WAY_ZONES_MAX];
+    float alpha[CR_WAY_ZONES_MAX], whole = 0.0f, known = 0.0f; /* sum of alpha; share of the weight that has a normal */
     cr_vec3 left = sum;
     const float size = v3_norm(sum);
     const uint32_t count = zones->count;
@@ -149,24 +174,12 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const f
         alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
         left = v3_mad(left, unit[c], -alpha[c]);
     }
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        float moved = 0.0f;
-        for (uint32_t c = 0; c < count; c++) {
-            if (!(part[c] > 0.0f)) {
-                continue;
-            }
-            const float held = 1.0f / part[c] - 1.0f;
-            const float most = part[c] * TWICE * zones->zones[c].weight_m3 * per_weight / seen;
-            const float next =
-                clamp_f(alpha[c] + (v3_dot(unit[c], left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
-            left = v3_mad(left, unit[c], alpha[c] - next);
-            moved = max_f(moved, abs_f(next - alpha[c]));
-            alpha[c] = next;
-        }
-        if (moved <= 1e-6f * size) {
-            break;
-        }
+    left = project(zones, unit, part, per_weight, NO_LIMIT, 1e-6f * size, left, alpha);
+    for (uint32_t c = 0; c < count; c++) {
+        whole += alpha[c];
+        known += part[c] * zones->zones[c].weight_m3 * per_weight * v3_dot(unit[c], unit[c]);
     }
+    left = project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha);
     sum = favour_large(zones, unit, alpha);
     const float outside = v3_norm(left);
     const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));

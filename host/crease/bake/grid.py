@@ -16,6 +16,7 @@ from crease.mesh.mesh import Mesh
 F64 = npt.NDArray[np.float64]
 
 REACH_VOXELS = 4
+DEPTH_VOXELS = 12
 """Bricks within this many voxels of the surface hold distances; larger costs memory, smaller makes more looks."""
 GRID_MAX = 200_000_000
 
@@ -25,7 +26,8 @@ class Grid:
     """Brick grid. Shapes: origin_m (3,); dims x, y, z.
 
     near_m: up to this distance samples of the tool are covered, and distances have to be right. reach_m: bricks this
-    close to the surface hold distances, so that spheres of the tool's tree can be told free.
+    close to the surface hold distances, so that spheres of the tool's tree can be told free; depth_m: the same inside, where
+    a tool that far in is to know its way out.
     """
 
     origin_m: F64
@@ -34,6 +36,7 @@ class Grid:
     voxel_m: float
     near_m: float
     reach_m: float
+    depth_m: float
 
 
 def grid_cells(mesh: Mesh, voxel_m: float) -> float:
@@ -62,6 +65,7 @@ def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
         brick / CELLS_SIDE,
         near_m,
         reach,
+        max(reach, DEPTH_VOXELS * voxel_m),
     )
 
 

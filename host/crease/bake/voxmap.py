@@ -250,6 +250,18 @@ def _corners(samples: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.stack([part.reshape(-1) for part in parts], axis=1)
 
 
+def near_bricks(surface: Surface, grid: Grid) -> npt.NDArray[np.bool_]:
+    """Bricks that hold distances: near the surface, and inside as far as depth_m. Shape z, y, x."""
+    near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, grid.reach_m)
+    deep = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, grid.depth_m) & ~near
+    where = np.argwhere(deep)
+    if len(where):
+        middle = brick_points(grid, where[:, ::-1], np.full((1, 3), 0.5)).reshape(-1, 3)
+        phi, _ = surface.signed_distance(middle)
+        near[tuple(where[phi.reshape(-1) < 0.0].T)] = True
+    return np.asarray(near)
+
+
 def far_bricks(
     surface: Surface, grid: Grid, near: npt.NDArray[np.bool_], quantum_m: float
 ) -> npt.NDArray[np.uint32]:
@@ -268,7 +280,10 @@ def far_bricks(
         index = np.array([[x + start[2], y + start[1], z + start[0]]], np.int64)
         phi, _ = surface.signed_distance(brick_points(grid, index, np.full((1, 3), 0.5)))
         if phi[0] < 0:
-            entry[spots[i]][part] |= np.uint32(lib.CR_TOP_INSIDE)
+            deepest = np.uint32(min(grid.depth_m * (1 - 1e-6) / quantum_m, float(lib.CR_TOP_BOUND)))
+            inside = entry[spots[i]][part]
+            bound_of = np.maximum(inside & np.uint32(lib.CR_TOP_BOUND), deepest)
+            entry[spots[i]][part] = bound_of | np.uint32(lib.CR_TOP_FAR | lib.CR_TOP_INSIDE)
     return np.asarray(entry)
 
 
@@ -285,7 +300,7 @@ def make_voxmap(
     Errors: MeshError when it would take more than memory_max bytes.
     """
     grid = make_grid(surface, voxel_m, near_m)
-    near = surface.mark_bricks(grid.origin_m, grid.brick_m, grid.dims, grid.reach_m)
+    near = near_bricks(surface, grid)
     where = np.argwhere(near)[:, ::-1]
     if len(where) > BRICKS_MAX:
         raise MeshError(
@@ -296,7 +311,7 @@ def make_voxmap(
     phi, facet = _base_samples(surface, grid, where, lambda part: progress("distances", part))
     sorter = CellSorter(surface, grid, tolerance_m)
     cells = sorter.sort(where, phi, facet, lambda part: progress("creases", part))
-    band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.reach_m
+    band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.depth_m
     quantum = float(np.float32(band / 32767))
     bricks_near = NearBricks(
         where,
