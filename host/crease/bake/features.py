@@ -55,12 +55,14 @@ def vertex_normals(surface: Surface) -> tuple[F64, F64]:
 class Features:
     """What sticks out of a tool besides its faces: corners, and convex creases cut into straight pieces without a gap.
 
-    Shapes: position_m (middle of the piece), normal, half_m (vector from the middle to one end, 0 at corners) (n, 3).
+    Shapes: position_m (middle of the piece), normal, half_m (vector from the middle to one end, 0 at corners) (n, 3);
+    slope: of the faces round a vertex of a smooth surface, away from its normal; 0 for others (n,).
     """
 
     position_m: F64
     normal: F64
     half_m: F64
+    slope: F64
 
 
 def feature_points(surface: Surface, spacing_m: float) -> Features:
@@ -84,11 +86,15 @@ def feature_points(surface: Surface, spacing_m: float) -> Features:
     pieces = [cut_chain(chain, spacing_m) for chain in chains]
     middle = np.concatenate([np.zeros((0, 3)), *(m for m, _ in pieces)])
     half = np.concatenate([np.zeros((0, 3)), *(h for _, h in pieces)])
+    cosine = 1.0 - turn[rest]
+    slope = np.zeros(len(vertices) + len(middle))
+    slope[len(first) : len(vertices)] = np.sqrt(1.0 - cosine**2) / np.maximum(cosine, 1e-3)
     line_normal = unit(_outward(surface, middle, 1e-4 * spacing_m)) if len(middle) else middle
     return Features(
         np.concatenate([v[vertices], middle]),
         np.concatenate([normal[vertices], line_normal]),
         np.concatenate([np.zeros((len(vertices), 3)), half]),
+        slope,
     )
 
 

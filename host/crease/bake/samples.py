@@ -17,6 +17,10 @@ FEATURE_AREA = 1e-3
 """Area of a vertex or crease sample as a share of spacing^2: gives a lone spike a direction, shifts no sum."""
 
 
+VERTEX_RADIUS, VERTEX_SLOPE_MAX = 0.25, 0.3
+"""Disc that a vertex of a smooth surface stands for, as a share of the spacing; steeper ones are corners, and stand for a point."""
+
+
 @dataclass(frozen=True)
 class Samples:
     """Shapes: position_m, area_m2 (vectors, outward), normal (n, 3); spread_m2 (n, 3, 3); the others (n,)."""
@@ -46,8 +50,16 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
     )
     # The closed surface's area vectors add up to zero; the features' little areas must not spoil that.
     area = cells.area_m2 - (cells.area_m2.sum(axis=0) + spot_area.sum(axis=0)) / count
+    # A vertex of a smooth surface stands for a disc round it, over which the faces fall away.
+    smooth = (spots.slope > 0) & (spots.slope < VERTEX_SLOPE_MAX)
+    radius = np.where(smooth, VERTEX_RADIUS * spacing_m, 0.0)
+    across = np.eye(3) - spots.normal[:, :, None] * spots.normal[:, None, :]
     spread = np.concatenate(
-        [cells.spread_m2, spots.half_m[:, :, None] * spots.half_m[:, None, :] / 3]
+        [
+            cells.spread_m2,
+            spots.half_m[:, :, None] * spots.half_m[:, None, :] / 3
+            + radius[:, None, None] ** 2 / 3 * across,
+        ]
     )
     # A uniform strip of width b has the second moment b^2 / 12.
     widest = np.sqrt(np.maximum(0.0, 12 * np.linalg.eigvalsh(spread)[:, -1]))
@@ -59,7 +71,7 @@ def make_samples(surface: Surface, spacing_m: float) -> Samples:
         spread,
         0.5 * np.maximum(widest, 0.1 * spacing_m),
         np.concatenate([np.zeros(count), half]),
-        np.concatenate([cells.bow_m, np.zeros(len(half))]),
+        np.concatenate([cells.bow_m, radius * spots.slope]),
         np.arange(count + len(spot_area)) >= count,
         np.concatenate([np.zeros(count, bool), half > 0]),
         np.concatenate([np.zeros(count, bool), half == 0]),
