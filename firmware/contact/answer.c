@@ -4,6 +4,8 @@
 /* Work, in lookups of 16 points: pairs of half-spaces that are resolved, and half-spaces that are reported, one in so many. */
 #define PAIRS_OF_WORK 256u
 #define HALVES_OF_WORK 2u
+/* Normals that differ by less are one, m/m: a few times the rounding of a turn. */
+#define SAME_NORMAL 1e-6f
 
 /* A point on which a force along the normal has this moment about the tool origin, nearest to the middle of what is inside. */
 static cr_vec3 point_of_force(const cr_way_half *half, cr_vec3 middle) {
@@ -44,12 +46,23 @@ static void report_zone(const cr_respond_input *in, const cr_way_relations *r, u
     zone->offset_m = v3_dot(zone->normal_world, zone->centre_world_m);
 }
 
+/* Normal of a half-space. That of a facet, but for rounding, is the facet's: turned to the tool and back it would push a little aside. */
+static cr_vec3 push_normal(const cr_respond_input *in, const cr_way_half *half) {
+    for (uint32_t left = half->zones; left != 0u;) {
+        const cr_way_zone *z = &in->set->way.zones[take_lane(&left)];
+        if (z->flat && v3_norm(v3_sub(z->plane_normal, half->normal)) < SAME_NORMAL) {
+            return v3_from(in->field->scene->facets[z->key.surface].normal);
+        }
+    }
+    return xform_rotate(in->world_from_tool, half->normal);
+}
+
 static void report(const cr_respond_input *in, const cr_way_relations *r, const cr_way_half *half, float push_m,
                    cr_area *out) {
     cr_vec3 middle;
     out->area_m2 = sum_zones(&in->set->way, half->zones, &middle);
     out->force_world_N = v3(0.0f, 0.0f, 0.0f);
-    out->normal_world = xform_rotate(in->world_from_tool, half->normal);
+    out->normal_world = push_normal(in, half);
     out->point_world_m = xform_point(in->world_from_tool, point_of_force(half, middle));
     out->depth_m = push_m;
     out->offset_m = v3_dot(out->normal_world, out->point_world_m) + push_m;
