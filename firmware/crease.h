@@ -129,7 +129,7 @@ typedef struct {
     uint32_t coverage;      /* cr_coverage */
     uint32_t skip;          /* CR_SKIP_* bits */
     uint32_t vertices_only; /* 1: only tool mesh vertices measure depth, as [1] does; 0: all samples */
-    uint32_t lookups_max; /* 32..1048576, work of a tick in lookups of 16 points: an answer that needs more takes several ticks */
+    uint32_t lookups_max; /* 32..1048576, work of a tick in lookups of 16 points; what needs more takes several ticks */
 } cr_config;
 
 /* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, the way out, all skips, CR_LOOKUPS_MAX. */

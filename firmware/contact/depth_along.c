@@ -423,7 +423,8 @@ static void behind_walls(const survey *s, const struct cr_img_cluster *c, uint32
 
 static void over_planes(const survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *all) {
     cr_heights *h = &s->scratch->heights;
-    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, &s->scratch->alone);
+    cr_planes *one = &s->scratch->alone;
+    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, one);
     cr_planes_measure(p, c, h);
     if (p->sign < 0.0f) {
         behind_walls(s, c, lanes, p, h);

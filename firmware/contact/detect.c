@@ -381,7 +381,7 @@ static void descend(walk *w) {
 }
 
 /* Go on until nothing is left, or the work of a tick is done. Returns whether nothing is left. */
-static int search_on(walk *w) {
+static int walk_on(walk *w) {
     cr_search *s = w->search;
     while (s->spent < w->options->lookups_max) {
         if (s->looked_up > 0u) {
@@ -457,7 +457,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
     if (!search->open) {
         enter_group(&w, 0u);
     }
-    search->open = !search_on(&w);
+    search->open = !walk_on(&w);
     search->calls++;
     if (search->open && search->calls >= CR_SEARCH_TICKS_MAX) {
         give_up(&w);

@@ -391,7 +391,9 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_im
 }
 
 /* Distance up to which the image has samples, m: bricks farther inside say no more than how far at least. */
-static float depth_of_bricks(const struct cr_img_meta *m) { return (m->band_m - 1.7320508f * m->brick_m) / BAND_PER_REACH; }
+static float depth_of_bricks(const struct cr_img_meta *m) {
+    return (m->band_m - 1.7320508f * m->brick_m) / BAND_PER_REACH;
+}
 
 /* Lanes that are deeper than a limit were once known by their facets, and are not farther in: in the last voxel before that they pass from the
  * surfaces that they are over to none. */

@@ -179,7 +179,8 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const f
         whole += alpha[c];
         known += part[c] * zones->zones[c].weight_m3 * per_weight * v3_dot(unit[c], unit[c]);
     }
-    left = project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha);
+    left =
+        project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha);
     sum = favour_large(zones, unit, alpha);
     const float outside = v3_norm(left);
     const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));

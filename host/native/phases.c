@@ -36,8 +36,7 @@ static cr_pose pose_of(const cr_path_row *row) {
 
 static uint32_t since(uint64_t start_ns) { return (uint32_t)(now_ns() - start_ns); }
 
-static void time_pose(bench *b, const cr_config *config, const cr_pose *pose,
-                      cr_phases_row *row) {
+static void time_pose(bench *b, const cr_config *config, const cr_pose *pose, cr_phases_row *row) {
     const cr_detect_options options = {
         .skip = config->skip, .coverage = config->coverage, .lookups_max = config->lookups_max};
     const xform now = xform_from_pose(pose);
@@ -68,8 +67,8 @@ static void time_pose(bench *b, const cr_config *config, const cr_pose *pose,
 
 static uint32_t least(uint32_t a, uint32_t b) { return a < b ? a : b; }
 
-static void run(bench *b, const cr_config *config, const cr_path_row *path, size_t count,
-                uint32_t repeat, cr_phases_row *rows) {
+static void run(bench *b, const cr_config *config, const cr_path_row *path, size_t count, uint32_t repeat,
+                cr_phases_row *rows) {
     for (uint32_t pass = 0; pass < repeat; pass++) {
         b->motion.valid = 0u;
         for (size_t i = 0; i < count; i++) {

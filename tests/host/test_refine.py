@@ -23,7 +23,7 @@ def thin_wall(points: F64) -> F64:
 
 def coarse_of(judged: bool = True) -> Coarse:
     """Eight bricks of 8 mm round the wall."""
-    grid = Grid(np.zeros(3), (4, 4, 4), 8e-3, 1e-3, 0.8e-3, 4e-3)
+    grid = Grid(np.zeros(3), (4, 4, 4), 8e-3, 1e-3, 0.8e-3, 4e-3, 4e-3)
     where = np.array([[x, y, z] for z in (1, 2) for y in (1, 2) for x in (1, 2)])
     points = grid.origin_m + (where[:, None] + lattice(SIDE + 1)[None]) * grid.brick_m
     phi = thin_wall(points).reshape(-1, SIDE + 1, SIDE + 1, SIDE + 1)

@@ -27,8 +27,8 @@ class Grid:
     """Brick grid. Shapes: origin_m (3,); dims x, y, z.
 
     near_m: up to this distance samples of the tool are covered, and distances have to be right. reach_m: bricks this
-    close to the surface hold distances, so that spheres of the tool's tree can be told free; depth_m: the same inside, where
-    a tool that far in is to know its way out.
+    close to the surface hold distances, so that spheres of the tool's tree can be told free; depth_m: the same
+    inside, where a tool that far in is to know its way out.
     """
 
     origin_m: F64

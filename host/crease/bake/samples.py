@@ -18,7 +18,7 @@ FEATURE_AREA = 1e-3
 
 
 VERTEX_RADIUS, VERTEX_SLOPE_MAX = 0.25, 0.3
-"""Disc that a vertex of a smooth surface stands for, as a share of the spacing; steeper ones are corners, and stand for a point."""
+"""Disc that a vertex of a smooth surface stands for, as a share of the spacing; steeper ones are corners: points."""
 
 
 @dataclass(frozen=True)
