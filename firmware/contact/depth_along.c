@@ -323,7 +323,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
             continue;
         }
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
-        most = higher_f(most, far);
+        most = ((lanes >> i) & 1u) != 0u ? higher_f(most, far) : most;
         left |= (uint32_t)(part[i] * lower_f(far, w.most_m[i]) > half->depth_m) << i;
         steep |= (uint32_t)(w.steep[i] >= trusted) << i;
     }
