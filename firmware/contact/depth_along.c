@@ -4,7 +4,7 @@
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
 #define FAR_MAX 4.0f
 /* Share of a half-space's weight from which on a plane bounds it in full. */
-#define SEEN 0.05f
+#define SEEN 0.02f
 /* Cosine of normal and plane from which on the exit through the plane is trusted; below the least one it is looked for along the normal. Where planes are all
  * there is they are trusted longer than beside a curved surface, whose exit no plane tells. */
 #define STEEP 0.5f

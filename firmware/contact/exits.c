@@ -61,15 +61,15 @@ typedef struct {
     cr_vec3 u, y;
 } place;
 
-/* Exit at a place of a piece, or, when that lies beyond its border, where the way to it crosses the border: it fades out from there
- * on. A bent piece lies behind its plane. */
+/* Exit at a place of a piece, or, when that lies beyond its border, where the way to it crosses the border: it fades out from where pieces end for
+ * certain. A bent piece lies behind its plane. */
 static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, place p, float base_m) {
     const float out = 2.0f * sqrtf(max_f(0.0f, v3_dot(p.u, p.y)));
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, p.u) : base_m;
     }
     const float full = c->bow[i] > 0.0f ? END : 1.0f, at = min_f(out, full);
-    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - full), 0.0f, 1.0f);
+    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - END), 0.0f, 1.0f);
     const float way_m = first_exit(e, v3_scale(p.u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
     return base_m + part * (way_m - base_m);
 }
