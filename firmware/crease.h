@@ -186,7 +186,7 @@ typedef struct {
     cr_vec3 force_world_N;
     cr_vec3 torque_world_Nm; /* about the tool origin */
     cr_pose display_pose;    /* world_from_tool for the eye: moved out of the static object */
-    float depth_m;           /* of the deepest area; 0 in free space */
+    float depth_m;           /* of the deepest area, all that push along it counted; 0 in free space */
     cr_vec3 normal_world;    /* of the deepest area; 0 in free space */
     uint32_t faults;         /* CR_FAULT_* latched */
     uint32_t area_count;     /* areas[0..area_count) are valid, the rest is not written */

@@ -4,8 +4,9 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
-/* Pieces meet in corners so many half-widths from their middles. */
+/* Bent pieces meet in corners so many half-widths from their middles; how a flat one is cut is not known: from its border on it fades. */
 #define END 1.42f
+#define FLAT_END 1.05f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
@@ -61,15 +62,16 @@ typedef struct {
     cr_vec3 u, y;
 } place;
 
-/* Exit at a place of a piece, or, when that lies beyond its border, where the way to it crosses the border: it fades out from where pieces end for
- * certain. A bent piece lies behind its plane. */
+/* Exit at a place of a piece, or, when that lies beyond its border, where the way to it crosses the border: it fades out from there
+ * on. A bent piece lies behind its plane. */
 static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, place p, float base_m) {
     const float out = 2.0f * sqrtf(max_f(0.0f, v3_dot(p.u, p.y)));
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, p.u) : base_m;
     }
-    const float full = c->bow[i] > 0.0f ? END : 1.0f, at = min_f(out, full);
-    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - END), 0.0f, 1.0f);
+    const int bent = c->bow[i] > 0.0f;
+    const float full = bent ? END : 1.0f, ends = bent ? END : FLAT_END, at = min_f(out, full);
+    const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - ends), 0.0f, 1.0f);
     const float way_m = first_exit(e, v3_scale(p.u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
     return base_m + part * (way_m - base_m);
 }

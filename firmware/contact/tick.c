@@ -188,15 +188,37 @@ static void push(const cr_world *w, const xform *now, float period_s, cr_area *a
     area->force_world_N = v3_scale(area->normal_world, max_f(0.0f, force));
 }
 
-static void sum_wrench(const cr_config *config, cr_vec3 origin, cr_output *out) {
+/* Do areas that push one way share what is deep there? Those of rivals/ each know it whole. */
+static int areas_share(const cr_config *config) {
+#ifdef CR_RIVALS
+    return config->response == CR_RESPONSE_WAY_OUT;
+#else
+    (void)config;
+    return 1;
+#endif
+}
+
+/* How deep each area is along its normal: by what it pushes, and by what those on its side push along it. */
+static void find_depths(const cr_config *config, const cr_output *out, float *depth_m) {
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        depth_m[i] = 0.0f;
+        for (uint32_t j = 0; j < out->area_count; j++) {
+            const cr_area *a = &out->areas[j];
+            const float along = max_f(0.0f, v3_dot(out->areas[i].normal_world, a->normal_world));
+            depth_m[i] += i == j || areas_share(config) ? a->depth_m * along : 0.0f;
+        }
+    }
+}
+
+static void sum_wrench(const cr_config *config, cr_vec3 origin, const float *depth_m, cr_output *out) {
     for (uint32_t i = 0; i < out->area_count; i++) {
         const cr_area *a = &out->areas[i];
         cr_vec3 arm = v3_sub(a->point_world_m, origin);
         out->force_world_N = v3_add(out->force_world_N, a->force_world_N);
         out->torque_world_Nm = v3_add(out->torque_world_Nm, v3_cross(arm, a->force_world_N));
         out->zone_count += a->zone_count;
-        if (a->depth_m > out->depth_m) {
-            out->depth_m = a->depth_m;
+        if (depth_m[i] > out->depth_m) {
+            out->depth_m = depth_m[i];
             out->normal_world = a->normal_world;
         }
     }
@@ -210,13 +232,13 @@ static void sum_wrench(const cr_config *config, cr_vec3 origin, cr_output *out) 
 }
 
 /* Smallest shift that satisfies every contact plane, by relaxation over the areas. */
-static cr_vec3 display_shift(const cr_output *out) {
+static cr_vec3 display_shift(const cr_output *out, const float *depth_m) {
     cr_vec3 u = v3(0.0f, 0.0f, 0.0f);
     for (int sweep = 0; sweep < DISPLAY_SWEEPS; sweep++) {
         float worst = 0.0f;
         for (uint32_t i = 0; i < out->area_count; i++) {
             const cr_area *a = &out->areas[i];
-            float lack = a->depth_m - v3_dot(u, a->normal_world);
+            float lack = depth_m[i] - v3_dot(u, a->normal_world);
             if (lack > 0.0f) {
                 u = v3_mad(u, a->normal_world, lack);
                 worst = max_f(worst, lack);
@@ -365,12 +387,14 @@ static void find_areas(cr_world *w, const cr_pose *pose, const xform *now, cr_ou
 }
 
 static void feel(cr_world *w, const xform *now, float period_s, cr_output *out) {
+    float depth_m[CR_AREAS_MAX];
     for (uint32_t i = 0; i < out->area_count; i++) {
         push(w, now, period_s, &out->areas[i]);
     }
-    sum_wrench(&w->config, now->t, out);
+    find_depths(&w->config, out, depth_m);
+    sum_wrench(&w->config, now->t, depth_m, out);
     cr_vec3 pos_m = out->display_pose.pos_m;
-    out->display_pose.pos_m = v3_add(pos_m, display_shift(out));
+    out->display_pose.pos_m = v3_add(pos_m, display_shift(out, depth_m));
     fault_when_not_finite(w, pos_m, out);
 }
 

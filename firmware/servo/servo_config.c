@@ -105,9 +105,12 @@ static const char *axis_error(const cr_axis_config *axis, float period_s) {
 }
 
 static const char *control_error(const cr_control_config *c) {
-    if (!in(c->contact_damping_Ns_m, 0.0f, 1e3f) || !in(c->free_damping_Ns_m, 0.0f, 1e3f) ||
-        !in(c->passivity_damping_max_Ns_m, 0.0f, 1e3f) || !in(c->own_damping_Ns_m, 0.0f, 1e3f)) {
-        return "damping: 0..1000 N s/m";
+    const float damping_Ns_m[] = {c->contact_damping_Ns_m, c->free_damping_Ns_m, c->passivity_damping_max_Ns_m,
+                                  c->own_damping_Ns_m};
+    for (uint32_t i = 0; i < sizeof damping_Ns_m / sizeof damping_Ns_m[0]; i++) {
+        if (!in(damping_Ns_m[i], 0.0f, 1e3f)) {
+            return "damping: 0..1000 N s/m";
+        }
     }
     if (!in(c->friction_share, 0.0f, 0.95f)) {
         return "friction_share: 0..0.95";
@@ -157,7 +160,7 @@ static const char *world_error(const cr_config *w) {
         return "response, coverage, skip, vertices_only: a value that this version knows";
     }
     if (w->response == CR_RESPONSE_WAY_OUT && (w->coverage != CR_COVERAGE_SOFT || w->vertices_only != 0u)) {
-        return "coverage, vertices_only: other than 0 is for the responses that way_out is compared with";
+        return "coverage, vertices_only: 0 with way_out";
     }
     if (w->lookups_max < 32u || w->lookups_max > 1048576u) {
         return "lookups_max: 32..1048576";

@@ -176,10 +176,10 @@ def digest(rows: npt.NDArray[Any]) -> str:
 
 
 def in_contact(rows: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Ticks that rendered a force."""
+    """Ticks that rendered a force, by an answer of their own or by the one before."""
     rendering = np.isin(rows["mode"], (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED))
     felt = np.linalg.norm(rows["force_N"], axis=1) > FORCE_MIN_N
-    return np.asarray(rendering & (rows["zones"] > 0) & felt)
+    return np.asarray(rendering & (rows["areas"] > 0) & felt)
 
 
 def check_rendering(rows: npt.NDArray[Any], fault_at: int, clear_at: int) -> list[Outcome]:

@@ -89,7 +89,7 @@ def add_parser(sub: SubParsers) -> None:
         "--lookups",
         metavar="N",
         type=whole_in(32, 1 << 20),
-        help="distances of 16 points that one tick may look up; a search that needs more takes several ticks (default: "
+        help="work of one tick in lookups of 16 points; an answer that needs more takes several ticks (default: "
         f"{lib.cr_config_default().lookups_max})",
     )
     parser.add_argument(
