@@ -350,6 +350,8 @@ static void config_refuses_what_lies_beyond_its_ranges(void **state) {
         {offsetof(cr_servo_config, bus.sdo_timeout_ms), 0.0f, 10001u, "sdo_timeout_ms"},
         {offsetof(cr_servo_config, bus.enable_timeout_ms), 0.0f, 49u, "enable_timeout_ms"},
         {offsetof(cr_servo_config, bus.enable_timeout_ms), 0.0f, 60001u, "enable_timeout_ms"},
+        {offsetof(cr_servo_config, world.coverage), 0.0f, CR_COVERAGE_HARD, "coverage"},
+        {offsetof(cr_servo_config, world.vertices_only), 0.0f, 1u, "vertices_only"},
     };
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         cr_servo_config config = config_of();
