@@ -1,7 +1,7 @@
 /* Proof    a configuration that is taken has counts that are within their arrays, and times whose nanoseconds do not overflow
  * Entry    control_error, bus_error, world_error of cr_servo_config_error
  * Bounds   none: every content
- * Unwind   4 */
+ * Unwind   5 */
 #include "prove.h"
 
 #include "servo/servo_config.c"
