@@ -9,9 +9,7 @@ from __future__ import annotations
 import argparse
 import csv
 import os
-import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -20,18 +18,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from callgraph import CallGraphError, Chain, read_graph, worst_chain
-from crease.replay.trajectory import load_trajectory
-from jobs import FIRMWARE_C, ROOT, free_rows, golden_path_job, path_job, path_rows, recording_job
+from jobs import FIRMWARE_C, ROOT, free_rows, golden_path_job, path_job, recording_job
 from loops import golden_recording
+from runs import BUILD, DEVICES, CheckError, Run, build_counter, command, read_line, run_device
+from worst import BOARD_LOOKUPS, dearer, measure, read_poses
 
-BUILD = ROOT / "build" / "device"
 SCENES = ("corner3_sphere", "edge90_cube", "part_spanner", "bar_u", "groove_block")
 LOOP = "closed_loop"
 FREE = "free_space"
 LOOP_SCENE = CUBE = "edge90_cube"
 LATE = {f"{name}_late": name for name in (CUBE, "bar_u", "wall_cube", "groove_block", "step_cube")}
 """Scenes once more with the work in a tick that the boards allow: most answers are late."""
-LATE_LOOKUPS = 40
 GOLDENS = (*SCENES, *LATE, FREE, LOOP)
 STRESS = ("wall_cube", "edge120_cube", "edge60_cube", "corner3_cube", "step_cube", "cylinder_ball")
 """More scenes, for the cost alone, with --long."""
@@ -56,28 +53,7 @@ QUICK_HOSTS = (
     "clang -O3 native",
     "aarch64 -O2",
 )
-DEVICES = {
-    "m7": ("mps2-an500", 0x60000000),
-    "m4f": ("mps2-an386", 0x21000000),
-    "m55": ("mps3-an547", 0x60000000),
-}
 REFERENCE = "gcc -O2"
-LIMIT_S = 600.0
-
-
-class CheckError(Exception):
-    """A check could not be made: one line says why."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What one job printed, and for a device the instructions of each tick: (ticks, 1 + stages)."""
-
-    hashes: tuple[str, str]
-    figures: dict[str, int]
-    ticks: npt.NDArray[np.int64] | None = None
-    stages: tuple[str, ...] = ()
-    functions: tuple[tuple[str, int, int], ...] = ()
 
 
 @dataclass
@@ -89,34 +65,6 @@ class Breaches:
     def add(self, line: str) -> None:
         """One more."""
         self.lines.append(line)
-
-
-def command(words: Sequence[str | Path], cwd: Path | None = None) -> str:
-    """What a program prints.   Errors: CheckError when it fails."""
-    text = [str(word) for word in words]
-    done = subprocess.run(
-        text,
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=cwd,
-        timeout=LIMIT_S,
-        stdin=subprocess.DEVNULL,
-    )
-    if done.returncode != 0:
-        said = (done.stderr or done.stdout).strip().splitlines()
-        raise CheckError(
-            f"{text[0]} ended with {done.returncode}: {said[-1] if said else 'nothing said'}"
-        )
-    return done.stdout
-
-
-def read_line(text: str) -> tuple[tuple[str, str], dict[str, int]]:
-    """Hashes and figures of the line that a runner prints: pairs of name and value."""
-    words = text.split()
-    pairs = dict(zip(words[::2], words[1::2], strict=True))
-    hashes = (pairs.pop("answers"), pairs.pop("all"))
-    return hashes, {name: int(value) for name, value in pairs.items()}
 
 
 # ---------------------------------------------------------------------------------------------------------- runs
@@ -144,42 +92,6 @@ def run_host(name: str, program: Path, job: Path, made: Path | None = None) -> R
     return Run(*read_line(command([*emulator, program, job, *([made] if made else [])])))
 
 
-def run_device(name: str, elf: Path, job: Path, made: Path | None = None) -> Run:
-    """One job on an emulated board, every instruction counted."""
-    machine, address = DEVICES[name]
-    with tempfile.TemporaryDirectory(prefix="crease-device-") as folder:
-        counts = Path(folder) / "counts.txt"
-        words: list[str | Path] = [
-            "qemu-system-arm",
-            "-M",
-            machine,
-            "-nographic",
-            "-monitor",
-            "none",
-            "-serial",
-            "null",
-        ]
-        words += ["-chardev", "stdio,id=out,signal=off"]
-        words += ["-semihosting-config", "enable=on,target=native,chardev=out", "-kernel", elf]
-        words += ["-device", f"loader,file={job},addr={address:#x},force-raw=on"]
-        words += ["-plugin", f"{BUILD / 'count.so'},out={counts}"]
-        line = command(words, cwd=Path(folder))
-        if made is not None:
-            made.write_bytes((Path(folder) / "made.bin").read_bytes())
-        return read_counts(*read_line(line), counts.read_text(encoding="utf-8"))
-
-
-def read_counts(hashes: tuple[str, str], figures: dict[str, int], text: str) -> Run:
-    """The plugin's file."""
-    lines = [line.split() for line in text.splitlines()]
-    stages = tuple(lines[0][1:])
-    ticks = np.array([line[2:] for line in lines if line[0] == "tick"], dtype=np.int64)
-    if len(ticks) != figures["ticks"]:
-        raise CheckError(f"{len(ticks)} ticks were counted, {figures['ticks']} were run")
-    functions = tuple((line[3], int(line[1]), int(line[2])) for line in lines if line[0] == "fn")
-    return Run(hashes, figures, ticks, stages, functions)
-
-
 def write_jobs(names: Iterable[str]) -> dict[str, Path]:
     """The goldens as files."""
     paths = {}
@@ -192,7 +104,7 @@ def write_jobs(names: Iterable[str]) -> dict[str, Path]:
             scene = ROOT / "build" / "scenes" / f"{CUBE}.crs"
             paths[name].write_bytes(path_job(scene.read_bytes(), free_rows()))
         elif name in LATE:
-            job = golden_path_job(LATE[name], damping_Ns_m=2.0, lookups_max=LATE_LOOKUPS)
+            job = golden_path_job(LATE[name], damping_Ns_m=2.0, lookups_max=BOARD_LOOKUPS)
             paths[name].write_bytes(job)
         else:
             paths[name].write_bytes(golden_path_job(name, damping_Ns_m=2.0))
@@ -425,59 +337,6 @@ def print_budgets(figures: dict[str, int], rows: Sequence[dict[str, str]]) -> No
     print_table(table)
 
 
-# ---------------------------------------------------------------------------------------------------- worst poses
-
-WORST = ROOT / "tests" / "device" / "worst_poses.csv"
-WORST_COLUMNS = ("scene", "tick", "instructions", *("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"))
-WORST_SLACK = 1.02
-"""Another version of the compiler may take a little more."""
-
-
-def run_pose(scene: str, pose: npt.NDArray[np.float32]) -> int:
-    """Instructions of the M7 for a pose out of nothing: a new world, nothing asleep."""
-    row = np.r_[pose, np.float32(1e-3)].astype("<f4")[None]
-    with tempfile.TemporaryDirectory(prefix="crease-pose-") as folder:
-        job = Path(folder) / "pose.job"
-        image = (ROOT / "build" / "scenes" / f"{scene}.crs").read_bytes()
-        job.write_bytes(path_job(image, row, damping_Ns_m=2.0))
-        run = run_device("m7", ROOT / "build" / "m7" / "replay.elf", job)
-    assert run.ticks is not None
-    return int(run.ticks[0, 0])
-
-
-def write_worst_poses(runs: dict[str, Run]) -> None:
-    """The most expensive pose of each replay, for the times to come."""
-    with WORST.open("w", encoding="ascii", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(WORST_COLUMNS)
-        for scene, run in runs.items():
-            if scene in (*LATE, FREE, LOOP) or run.ticks is None:
-                continue
-            at = int(run.ticks[:, 0].argmax())
-            path = load_trajectory(ROOT / "build" / "meshes" / f"{scene}.csv")
-            pose = path_rows(path)[at, :7]
-            table.writerow([scene, at, run_pose(scene, pose), *(f"{value:.9g}" for value in pose)])
-
-
-def check_worst_poses(breaches: Breaches) -> None:
-    """No pose that was once the most expensive one has become more so."""
-    with WORST.open(encoding="ascii") as file:
-        rows = list(csv.DictReader(file))
-
-    def one(row: dict[str, str]) -> int:
-        pose = np.array([float(row[name]) for name in WORST_COLUMNS[3:]], dtype=np.float32)
-        return run_pose(row["scene"], pose)
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        costs = list(pool.map(one, rows))
-    for row, cost in zip(rows, costs, strict=True):
-        if cost > WORST_SLACK * int(row["instructions"]):
-            cost_then = f"{int(row['instructions']):,}"
-            breaches.add(
-                f"m7: {row['scene']}: its worst pose takes {cost:,} instructions, not {cost_then}"
-            )
-
-
 # ------------------------------------------------------------------------------------------------------------ all
 
 
@@ -548,7 +407,6 @@ def check_recording_of_device(jobs: dict[str, Path], breaches: Breaches) -> None
 def main() -> int:
     """Command line: see the Makefile."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--keep-worst", action="store_true", help="write worst_poses.csv anew")
     parser.add_argument(
         "--long", action="store_true", help="all compilers and options, and more scenes"
     )
@@ -559,28 +417,24 @@ def main() -> int:
     names = [name for name in HOSTS if args.long or name in (*QUICK_HOSTS, REFERENCE)]
     names.sort(key=lambda name: name != REFERENCE)
     try:
-        command(
-            [
-                "gcc",
-                "-O2",
-                "-shared",
-                "-fPIC",
-                "-o",
-                BUILD / "count.so",
-                ROOT / "tests/device/count.c",
-            ]
-        )
+        build_counter()
         jobs = write_jobs((*GOLDENS, *(STRESS if args.long else ())))
         runs = run_hosts(names, jobs, breaches) | run_devices(jobs)
         check_recording_of_device(jobs, breaches)
         bounds = check_bounds(jobs, runs["m7"], breaches)
-        if args.keep_worst:
-            write_worst_poses(runs["m7"])
-        check_worst_poses(breaches)
+        found = read_poses()
+        costs = measure(found)
+        for line in dearer(found, costs):
+            breaches.add(line)
         figures = {}
         for build in DEVICES:
             check_symbols(build, breaches)
             figures[build] = measured_figures(build, runs[build], stack_of(build))
+            if build == "m7":
+                of_board = [
+                    c for f, c in zip(found, costs, strict=True) if f.lookups == BOARD_LOOKUPS
+                ]
+                figures[build]["tick of the worst poses found"] = max(of_board)
             check_budgets(build, figures[build], budgets, breaches)
         stack = stack_of("m7")
     except (CheckError, CallGraphError) as error:

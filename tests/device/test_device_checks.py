@@ -7,20 +7,33 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from callgraph import CallGraphError, Graph, deepest, read_graph, worst_chain
 from check import (
     FLAGS,
     Breaches,
-    Run,
     allowed_symbols,
     check_bound,
     check_budgets,
-    read_counts,
     undefined_symbols,
 )
+from crease.base.scene import open_scene
 from crease.replay.trajectory import load_trajectory
 from jobs import FIRMWARE_C, ROOT, path_job, path_rows
+from runs import Run, read_counts
+from worst import (
+    ALL_LOOKUPS,
+    BOARD_LOOKUPS,
+    SCENES,
+    TICKS,
+    Counted,
+    Found,
+    climb,
+    dearer,
+    read_poses,
+    write_poses,
+)
 
 EXTERNAL = {"memset": 32, "memcpy": 32}
 
@@ -135,3 +148,64 @@ def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
         assert int(told[told.index("touching") + 1]) > 50
         hashes.append(told[told.index("answers") + 1])
     assert hashes[0] != hashes[1]
+
+
+# ---------------------------------------------------------------------------------------------------- worst poses
+
+
+def found(instructions: int = 1000) -> Found:
+    """At a place of its own."""
+    return Found("edge90_cube", BOARD_LOOKUPS, instructions, np.array([1e-3, 0, 2e-3, 1, 0, 0, 0]))
+
+
+def test_a_climb_goes_up_and_never_down() -> None:
+    top = np.array([3e-3, -2e-3, 1e-3])
+    start = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+    def cost(pose: npt.NDArray[np.float64]) -> int:
+        return round(1e9 - 1e9 * float(np.linalg.norm(pose[:3] - top)))
+
+    best, at = climb(start, cost, 10e-3, np.random.default_rng(1))
+    assert best == cost(at)
+    assert cost(start) < best
+    assert np.linalg.norm(at[:3] - top) < 0.5 * np.linalg.norm(top)
+    assert abs(np.linalg.norm(at[3:]) - 1.0) < 1e-9
+
+
+def test_a_pose_that_takes_more_than_it_did_is_told() -> None:
+    assert dearer([found()], [1020]) == []
+    (line,) = dearer([found()], [1021])
+    assert line.endswith("its worst pose takes 1,021 instructions, not 1,000")
+
+
+def test_poses_are_kept_to_the_last_bit_of_a_float(tmp_path: Path) -> None:
+    one = found()
+    write_poses([one], tmp_path / "poses.csv")
+    (again,) = read_poses(tmp_path / "poses.csv")
+    assert (again.scene, again.lookups, again.instructions) == (one.scene, BOARD_LOOKUPS, 1000)
+    assert (again.pose.astype(np.float32) == one.pose.astype(np.float32)).all()
+
+
+def test_every_scene_has_its_worst_poses_and_boards_their_lookups() -> None:
+    kept = {(f.scene, f.lookups) for f in read_poses()}
+    assert kept == {(scene, lookups) for scene in SCENES for lookups in TICKS}
+    header = (ROOT / "firmware/port/cortex-m7/board.h").read_text("ascii")
+    assert f"#define BOARD_LOOKUPS_MAX {BOARD_LOOKUPS}u" in header
+
+
+def test_work_at_a_pose_does_not_depend_on_what_was_asked_before() -> None:
+    scene = open_scene(ROOT / "build/scenes/edge90_cube.crs")
+    poses = [f.pose for f in read_poses() if f.scene == "edge90_cube"]
+    counted = Counted(scene, BOARD_LOOKUPS)
+    once = [counted.work(pose) for pose in poses]
+    assert [counted.work(pose) for pose in reversed(poses)] == once[::-1]
+    assert max(once) > BOARD_LOOKUPS
+
+
+def test_found_poses_are_dearer_than_the_paths() -> None:
+    """A search that finds less than a replay would be none."""
+    scene = open_scene(ROOT / "build/scenes/edge90_cube.crs")
+    rows = path_rows(load_trajectory(ROOT / "build/meshes/edge90_cube.csv"))[::20, :7]
+    (kept,) = (f.pose for f in read_poses() if f.scene == "edge90_cube" and f.lookups > 1000)
+    counted = Counted(scene, ALL_LOOKUPS)
+    assert counted.work(kept) > max(counted.work(row.astype(np.float64)) for row in rows)

@@ -69,6 +69,9 @@ firmware-m7 firmware-m4f firmware-m55: firmware-%:
 check-device: build/.develop build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
 	@cd tests/device && $(abspath $(PY)) check.py $(if $(LONG),--long)
 
+worst: build/.develop build/.device build/scenes/.stamp firmware-m7 ## the most expensive pose of each scene on the Cortex-M7, searched for: 10 minutes; KEEP=1 keeps them
+	@cd tests/device && $(abspath $(PY)) worst.py $(if $(QUICK),--seconds 1 --scene edge90_cube) $(if $(KEEP),--write)
+
 # In User-Mode Linux also where this kernel has vcan0: only there the time is virtual.
 hil-m7: build/.develop build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: half a minute
 	@tests/hil/lab/build-kernel
