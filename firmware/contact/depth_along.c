@@ -33,7 +33,8 @@ typedef struct {
     const cr_way_relations *relations;
     cr_way_half *half;
     cr_way_scratch *scratch;
-    uint32_t *spent;
+    cr_way_work *work;
+    uint32_t lookups_max;
 } survey;
 
 /* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of lanes whose longest way is looked for on their pieces, one in so many; of a zone that joins others, one in so
@@ -80,7 +81,7 @@ static void march(const survey *s, const struct cr_img_cluster *c, uint32_t lane
             place->z[i] = from->z[i] + to.z * gone_m[i];
         }
         cr_field_look_up_lanes(s->in->field, place, lanes, found);
-        *s->spent += 1u;
+        s->work->spent += 1u;
         for (uint32_t left = lanes; left != 0u;) {
             const int i = take_lane(&left);
             if (found->phi_m[i] < -MARCH_END * c->ramp[i]) {
@@ -299,7 +300,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
     float gone[CR_LANES], most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
-    *s->spent += (count_lanes(lanes) + LANES_OF_WORK - 1u) / LANES_OF_WORK;
+    s->work->spent += (count_lanes(lanes) + LANES_OF_WORK - 1u) / LANES_OF_WORK;
     if (lanes == 0u) {
         return;
     }
@@ -346,6 +347,17 @@ static float nearness(const survey *s, const spots *at, int i, uint32_t other) {
     return clamp_f((2.0f * mine + ramp - its) / (mine + ramp), 0.0f, 1.0f) * clamp_f(its / ramp, 0.0f, 1.0f);
 }
 
+/* Is it the turn of the next half-space that lanes of the hit in hand count for? Those of an earlier tick are passed over; when the work of this one is
+ * done the rest waits. One at least has its turn. */
+static int is_next(const survey *s) {
+    cr_way_work *w = s->work;
+    if (w->seen++ < w->done || (w->spent >= s->lookups_max && w->done > w->begun)) {
+        return 0;
+    }
+    w->done++;
+    return 1;
+}
+
 /* Lanes count for their zone; where that does not lead, for those that it is related to and they are near to. */
 static void count_in_zone(const survey *s, const spots *at, uint32_t lanes, uint32_t z, const float *part) {
     const cr_way_relations *r = s->relations;
@@ -353,7 +365,7 @@ static void count_in_zone(const survey *s, const spots *at, uint32_t lanes, uint
         const float most = b == z ? r->lead[z] : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
         cr_way_half *half = &s->half[r->half_of[b]];
         float share[CR_LANES];
-        if (!(most > 0.0f)) {
+        if (!(most > 0.0f && is_next(s))) {
             continue;
         }
         for (int i = 0; i < CR_LANES; i++) {
@@ -377,7 +389,7 @@ static void count_lanes_for(const survey *s, spots *at, uint32_t surface, uint32
         const uint32_t lanes = at->lanes & at->c->piece_lanes[slot];
         const uint32_t z = key.piece == CR_PIECE_NONE || lanes == 0u ? CR_WAY_NONE : cr_way_find(s->zones, key);
         if (z != CR_WAY_NONE) {
-            *s->spent += 1u;
+            s->work->spent += 1u;
             count_in_zone(s, at, lanes, z, part);
         }
     }
@@ -562,17 +574,21 @@ static void looked_up(const survey *s, const struct cr_img_cluster *c, uint32_t 
     }
 }
 
-static void measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
+/* Returns whether all of it is done. */
+static int measure_hit(const survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
     const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
     cr_lanes3 *world = &s->scratch->world;
     cr_lookup *look = &s->scratch->look;
-    *s->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;
+    s->work->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;
+    s->work->begun = s->work->done;
+    s->work->seen = 0u;
     if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
         over_planes(s, c, lanes, planes);
     } else {
         looked_up(s, c, lanes, look, world, cell);
     }
+    return s->work->seen == s->work->done;
 }
 
 /* Half-spaces that the samples of a hit may count for. */
@@ -601,19 +617,22 @@ static int may_be_deeper(const survey *s, const cr_way_reach *reach) {
     return 0;
 }
 
-/* Where the zones are deepest first: most others are then known not to be deeper. */
-static void measure_step(const survey *s, uint32_t step, cr_way_work *work, cr_planes *planes, cr_planes *cell) {
+/* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the step is done. */
+static int measure_step(const survey *s, uint32_t step, cr_planes *planes, cr_planes *cell) {
     const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
-    const uint32_t bit = 1u << (hit & 31u);
-    if ((work->measured[hit >> 5] & bit) == 0u && may_be_deeper(s, &s->zones->reach[hit])) {
-        measure_hit(s, &s->in->set->hits[hit], planes, cell);
+    uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
+    if ((*measured & bit) == 0u && may_be_deeper(s, &s->zones->reach[hit]) &&
+        !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
+        return 0;
     }
-    work->measured[hit >> 5] |= bit;
+    *measured |= bit;
+    s->work->done = 0u;
+    return 1;
 }
 
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     cr_way_relate(in->field->scene, &in->set->way, &work->relations);
-    work->next = 0u;
+    work->next = work->done = 0u;
     work->spent = in->set->way.count;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;
@@ -622,16 +641,17 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
 
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max) {
     const cr_way_zones *zones = &in->set->way;
-    const survey s = {in, zones, &work->relations, work->half, &work->scratch, &work->spent};
+    const survey s = {in, zones, &work->relations, work->half, &work->scratch, work, lookups_max};
     const uint32_t steps = 2u * zones->count + in->set->hit_count;
     cr_planes planes, cell;
     planes.kind = cell.kind = 0u;
     while (work->next < steps && work->spent < lookups_max) {
-        const uint32_t step = work->next++;
+        const uint32_t step = work->next;
         if (step >= zones->count) {
-            measure_step(&s, step - zones->count, work, &planes, &cell);
+            work->next += (uint32_t)measure_step(&s, step - zones->count, &planes, &cell);
             continue;
         }
+        work->next++;
         cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
         work->spent += zones->count / ZONES_OF_WORK;
         if (step + 1u == zones->count) {

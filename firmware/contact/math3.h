@@ -22,6 +22,9 @@ static inline uint32_t sign_bit_f(float v) {
     memcpy(words, &v, sizeof v);
     return words[sizeof v / sizeof(uint32_t) - 1u] >> 31;
 }
+/* low <= v <= high; not for not-a-number. Not in line: many ask. */
+int cr_in_range(float v, float low, float high);
+
 /* False for infinities and not-a-number, without libm. */
 static inline int is_finite_f(float a) { return a - a == 0.0f; }
 

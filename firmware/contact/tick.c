@@ -8,8 +8,6 @@
 #define QUATERNION_TOLERANCE 0.01f
 /* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
 #define DISPLAY_SWEEPS 16
-#define LOOKUPS_LEAST 32u
-#define LOOKUPS_MOST 1048576u
 
 /* What later ticks need of an area that was answered. */
 typedef struct {
@@ -43,25 +41,10 @@ struct cr_world {
 #endif
 };
 
-cr_config cr_config_default(void) {
-    cr_config c = {1000.0f, 0.0f, 100.0f, CR_RESPONSE_WAY_OUT, CR_COVERAGE_SOFT, CR_SKIP_ALL, 0u, CR_LOOKUPS_MAX};
-    return c;
-}
-
-static int in_range(float v, float low, float high) { return v >= low && v <= high; }
-
-static int config_is_valid(const cr_config *c) {
-    return in_range(c->stiffness_N_m, 0.0f, 1e6f) && in_range(c->damping_Ns_m, 0.0f, 1e4f) &&
-           in_range(c->force_max_N, 1e-6f, 1e6f) && c->response < CR_RESPONSE_COUNT &&
-           c->coverage <= CR_COVERAGE_HARD && (c->skip & ~(uint32_t)CR_SKIP_ALL) == 0u && c->vertices_only <= 1u &&
-           (c->response != CR_RESPONSE_WAY_OUT || (c->coverage == CR_COVERAGE_SOFT && c->vertices_only == 0u)) &&
-           c->lookups_max >= LOOKUPS_LEAST && c->lookups_max <= LOOKUPS_MOST;
-}
-
 static size_t round_up(size_t n) { return (n + CR_IMG_ALIGN - 1u) / CR_IMG_ALIGN * CR_IMG_ALIGN; }
 
 size_t cr_world_size(const cr_scene *scene, const cr_config *config) {
-    if (scene == NULL || config == NULL || scene->meta == NULL || !config_is_valid(config)) {
+    if (scene == NULL || config == NULL || scene->meta == NULL || cr_config_error(config) != NULL) {
         return 0u;
     }
     size_t size = round_up(sizeof(cr_world)) + round_up((size_t)scene->group_count * CR_LANES * sizeof(float));
@@ -117,7 +100,7 @@ cr_err cr_world_configure(cr_world *world, const cr_config *config) {
     if (world == NULL || config == NULL) {
         return CR_ERR_NULL;
     }
-    if (!config_is_valid(config)) {
+    if (cr_config_error(config) != NULL) {
         return CR_ERR_CONFIG;
     }
     world->config = *config;

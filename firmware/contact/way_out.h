@@ -180,8 +180,10 @@ typedef struct {
 
 /* What passes between the stages of an answer, and from tick to tick while it is not whole. */
 typedef struct {
-    uint32_t next;                      /* the step that comes next: zones join, then hits are measured */
-    uint32_t spent;                     /* work of this tick */
+    uint32_t next;  /* the step that comes next: zones join, then hits are measured */
+    uint32_t spent; /* work of this tick */
+    uint32_t done, begun,
+        seen; /* half-spaces that the hit in hand has counted for: in all, before this tick, met in it */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];

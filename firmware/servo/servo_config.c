@@ -51,54 +51,54 @@ cr_servo_config cr_servo_config_default(void) {
     return c;
 }
 
-static int in(float v, float low, float high) { return v >= low && v <= high; }
-
 static int is_pose(const cr_pose *p) {
     cr_quat q = p->rot;
     float n2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
-    return v3_is_finite(p->pos_m) && v3_norm(p->pos_m) <= 100.0f && in(n2, 0.999f, 1.001f);
+    return v3_is_finite(p->pos_m) && v3_norm(p->pos_m) <= 100.0f && cr_in_range(n2, 0.999f, 1.001f);
 }
 
 static const char *arm_error(const cr_arm_config *arm) {
     if (!is_pose(&arm->world_from_base) || !is_pose(&arm->tip_from_tool)) {
         return "world_from_base, tip_from_tool: a unit quaternion and a position within 100 m";
     }
-    if (!in(arm->upper_m, 0.05f, 5.0f) || !in(arm->fore_m, 0.05f, 5.0f)) {
+    if (!cr_in_range(arm->upper_m, 0.05f, 5.0f) || !cr_in_range(arm->fore_m, 0.05f, 5.0f)) {
         return "upper_m, fore_m: 0.05..5 m";
     }
     for (int a = 0; a < CR_AXES; a++) {
-        if (!in(arm->joint_min[a], -50.0f, 50.0f) || !in(arm->joint_max[a] - arm->joint_min[a], 1e-3f, 100.0f)) {
+        if (!cr_in_range(arm->joint_min[a], -50.0f, 50.0f) ||
+            !cr_in_range(arm->joint_max[a] - arm->joint_min[a], 1e-3f, 100.0f)) {
             return "joint_min, joint_max: min at least 0.001 below max, within -50..50 m or rad";
         }
-        if (!in(arm->wrist_min_rad[a], -10.0f, 10.0f) ||
-            !in(arm->wrist_max_rad[a] - arm->wrist_min_rad[a], 1e-3f, 20.0f)) {
+        if (!cr_in_range(arm->wrist_min_rad[a], -10.0f, 10.0f) ||
+            !cr_in_range(arm->wrist_max_rad[a] - arm->wrist_min_rad[a], 1e-3f, 20.0f)) {
             return "wrist_min_rad, wrist_max_rad: min at least 0.001 below max, within -10..10 rad";
         }
     }
-    if (!in(arm->elbow_min_rad, 0.0f, PI_F) || !in(arm->elbow_max_rad, arm->elbow_min_rad + 1e-3f, PI_F)) {
+    if (!cr_in_range(arm->elbow_min_rad, 0.0f, PI_F) ||
+        !cr_in_range(arm->elbow_max_rad, arm->elbow_min_rad + 1e-3f, PI_F)) {
         return "elbow_min_rad, elbow_max_rad: min below max, within 0..pi";
     }
-    if (!in(arm->margin_min, 0.0f, 0.99f) || !in(arm->range_slack, 0.0f, 1.0f)) {
+    if (!cr_in_range(arm->margin_min, 0.0f, 0.99f) || !cr_in_range(arm->range_slack, 0.0f, 1.0f)) {
         return "margin_min: 0..0.99; range_slack: 0..1 m or rad";
     }
     return NULL;
 }
 
 static const char *axis_error(const cr_axis_config *axis, float period_s) {
-    if (!in(abs_f(axis->step), 1e-9f, 1e-2f) || !in(axis->offset, -50.0f, 50.0f)) {
+    if (!cr_in_range(abs_f(axis->step), 1e-9f, 1e-2f) || !cr_in_range(axis->offset, -50.0f, 50.0f)) {
         return "step: 1e-9..0.01 m or rad, or negative; offset: -50..50";
     }
-    if (!in(axis->rated, 1e-3f, 1e4f) || !in(axis->torque_max / axis->rated, 1e-3f, 32.0f)) {
+    if (!cr_in_range(axis->rated, 1e-3f, 1e4f) || !cr_in_range(axis->torque_max / axis->rated, 1e-3f, 32.0f)) {
         return "rated: 0.001..10000 N or N m; torque_max: 0.001..32 times rated";
     }
-    if (!in(axis->jump_max, 2.0f * abs_f(axis->step), 100.0f * period_s)) {
+    if (!cr_in_range(axis->jump_max, 2.0f * abs_f(axis->step), 100.0f * period_s)) {
         return "jump_max: from two steps to 100 m/s or rad/s";
     }
-    if (!in(abs_f(axis->gravity), 0.0f, axis->torque_max) || !in(axis->coulomb, 0.0f, axis->torque_max) ||
-        !in(axis->friction_speed, 1e-6f, 100.0f)) {
+    if (!cr_in_range(abs_f(axis->gravity), 0.0f, axis->torque_max) ||
+        !cr_in_range(axis->coulomb, 0.0f, axis->torque_max) || !cr_in_range(axis->friction_speed, 1e-6f, 100.0f)) {
         return "gravity, coulomb: up to torque_max; friction_speed: above 0";
     }
-    if (axis->stuck != 0.0f && !in(axis->stuck, 2.0f * axis->coulomb, 64.0f * axis->rated)) {
+    if (axis->stuck != 0.0f && !cr_in_range(axis->stuck, 2.0f * axis->coulomb, 64.0f * axis->rated)) {
         return "stuck: 0, or from twice coulomb to 64 times rated";
     }
     return NULL;
@@ -108,20 +108,20 @@ static const char *control_error(const cr_control_config *c) {
     const float damping_Ns_m[] = {c->contact_damping_Ns_m, c->free_damping_Ns_m, c->passivity_damping_max_Ns_m,
                                   c->own_damping_Ns_m};
     for (uint32_t i = 0; i < sizeof damping_Ns_m / sizeof damping_Ns_m[0]; i++) {
-        if (!in(damping_Ns_m[i], 0.0f, 1e3f)) {
+        if (!cr_in_range(damping_Ns_m[i], 0.0f, 1e3f)) {
             return "damping: 0..1000 N s/m";
         }
     }
-    if (!in(c->friction_share, 0.0f, 0.95f)) {
+    if (!cr_in_range(c->friction_share, 0.0f, 0.95f)) {
         return "friction_share: 0..0.95";
     }
-    if (!in(c->force_max_N, 0.01f, 1e3f) || !in(c->force_rate_max_N_s, 1.0f, 1e6f)) {
+    if (!cr_in_range(c->force_max_N, 0.01f, 1e3f) || !cr_in_range(c->force_rate_max_N_s, 1.0f, 1e6f)) {
         return "force_max_N: 0.01..1000; force_rate_max_N_s: 1..1e6";
     }
-    if (!in(c->power_max_W, 0.01f, 1e4f) || !in(c->speed_max_m_s, 0.01f, 100.0f)) {
+    if (!cr_in_range(c->power_max_W, 0.01f, 1e4f) || !cr_in_range(c->speed_max_m_s, 0.01f, 100.0f)) {
         return "power_max_W: 0.01..10000; speed_max_m_s: 0.01..100";
     }
-    if (!in(c->ramp_s, 0.0f, 10.0f) || c->window < 2u || c->window > CR_WINDOW_MAX) {
+    if (!cr_in_range(c->ramp_s, 0.0f, 10.0f) || c->window < 2u || c->window > CR_WINDOW_MAX) {
         return "ramp_s: 0..10; window: 2..32 periods";
     }
     return NULL;
@@ -151,34 +151,17 @@ static const char *bus_error(const cr_bus_config *b) {
     return NULL;
 }
 
-static const char *world_error(const cr_config *w) {
-    if (!in(w->stiffness_N_m, 0.0f, 1e6f) || !in(w->damping_Ns_m, 0.0f, 1e4f) || !in(w->force_max_N, 1e-6f, 1e6f)) {
-        return "stiffness_N_m: 0..1e6; damping_Ns_m: 0..1e4; force_max_N of the world: above 0, up to 1e6";
-    }
-    if (w->response >= CR_RESPONSE_COUNT || w->coverage > CR_COVERAGE_HARD ||
-        (w->skip & ~(uint32_t)CR_SKIP_ALL) != 0u || w->vertices_only > 1u) {
-        return "response, coverage, skip, vertices_only: a value that this version knows";
-    }
-    if (w->response == CR_RESPONSE_WAY_OUT && (w->coverage != CR_COVERAGE_SOFT || w->vertices_only != 0u)) {
-        return "coverage, vertices_only: 0 with way_out";
-    }
-    if (w->lookups_max < 32u || w->lookups_max > 1048576u) {
-        return "lookups_max: 32..1048576";
-    }
-    return NULL;
-}
-
 const char *cr_servo_config_error(const cr_servo_config *config) {
-    if (!in(config->period_s, 0.2e-3f, 0.1f)) {
+    if (!cr_in_range(config->period_s, 0.2e-3f, 0.1f)) {
         return "period_s: 0.0002..0.1";
     }
-    if (!in(config->overrun_s, config->period_s, 2.0f * config->period_s)) {
+    if (!cr_in_range(config->overrun_s, config->period_s, 2.0f * config->period_s)) {
         return "overrun_s: one to two periods";
     }
-    if (!in(config->stuck_travel_m, 0.0f, 1.0f)) {
+    if (!cr_in_range(config->stuck_travel_m, 0.0f, 1.0f)) {
         return "stuck_travel_m: 0..1";
     }
-    if (!in(config->wrist_step_rad, 1e-6f, 0.1f)) {
+    if (!cr_in_range(config->wrist_step_rad, 1e-6f, 0.1f)) {
         return "wrist_step_rad: 1e-6..0.1";
     }
     const char *error = arm_error(&config->arm);
@@ -187,5 +170,5 @@ const char *cr_servo_config_error(const cr_servo_config *config) {
     }
     error = error != NULL ? error : control_error(&config->control);
     error = error != NULL ? error : bus_error(&config->bus);
-    return error != NULL ? error : world_error(&config->world);
+    return error != NULL ? error : cr_config_error(&config->world);
 }

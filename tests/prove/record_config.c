@@ -1,9 +1,10 @@
 /* Proof    a configuration that is taken has counts that are within their arrays, and times whose nanoseconds do not overflow
- * Entry    control_error, bus_error, world_error of cr_servo_config_error
+ * Entry    control_error, bus_error of cr_servo_config_error, cr_config_error
  * Bounds   none: every content
  * Unwind   5 */
 #include "prove.h"
 
+#include "contact/config.c"
 #include "servo/servo_config.c"
 
 int main(void) {
@@ -14,7 +15,7 @@ int main(void) {
     error = bus_error(&config.bus);
     PROVE(error != NULL || (config.bus.missing_max <= 10u && config.bus.sdo_timeout_ms <= 10000u));
     PROVE(error != NULL || (config.bus.drive_timeout_ms <= 10000u && config.bus.heartbeat_ms <= 1000u));
-    error = world_error(&config.world);
+    error = cr_config_error(&config.world);
     PROVE(error != NULL || (config.world.response < CR_RESPONSE_COUNT && config.world.lookups_max <= 1048576u));
     return 0;
 }

@@ -122,13 +122,15 @@ static void depths_measured_in_pieces_are_the_same_to_the_bit(void **state) {
     motion.wake_count = edge.scene.group_count * CR_LANES;
     motion.wake_m = calloc(motion.wake_count, sizeof(float));
     uint64_t seed = 5u;
-    uint32_t most = 0u, deep = 0u;
+    uint32_t most = 0u, deep = 0u, within = 0u;
     for (int i = 0; i < 100; i++) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
         (void)gather_in_calls(&motion, &pose, UINT32_MAX, &whole);
         assert_int_equal(measure_in_calls(&pose, UINT32_MAX, &whole, &at_once), 1);
-        const uint32_t calls = measure_in_calls(&pose, LOOKUPS, &whole, &in_pieces);
+        /* every other time with so little that it ends within a hit */
+        const uint32_t calls = measure_in_calls(&pose, i % 2 == 0 ? LOOKUPS : 8u, &whole, &in_pieces);
+        within += in_pieces.begun > 0u;
         const uint32_t count = at_once.relations.half_count;
         most = calls > most ? calls : most;
         assert_int_equal(in_pieces.relations.half_count, count);
@@ -140,7 +142,7 @@ static void depths_measured_in_pieces_are_the_same_to_the_bit(void **state) {
             deep += a->depth_m > 1e-3f;
         }
     }
-    assert_true(most > 2u && deep > 50u);
+    assert_true(most > 2u && deep > 50u && within > 5u);
     free(motion.wake_m);
 }
 
