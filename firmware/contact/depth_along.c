@@ -37,12 +37,15 @@ typedef struct {
     uint32_t lookups_max;
 } survey;
 
-/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of lanes whose longest way is looked for on their pieces, one in so many; of a zone that joins others, one in so
+/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of lanes whose longest way is looked for on their
+ * pieces, and of those where it takes all exits, one in so many; of half-spaces that lanes may count for; of a zone that joins others, a pair of them in so
  * many; of pairs of half-spaces. */
 #define WORK_OF_HIT 2u
 #define WORK_OF_LOOKUP 4u
 #define LANES_OF_WORK 4u
-#define ZONES_OF_WORK 2u
+#define FULL_OF_WORK 2u
+#define HALVES_OF_WORK 2u
+#define ZONES_OF_WORK 16u
 #define PAIRS_OF_WORK 64u
 
 /* Planes that are known at the lanes of a cluster. */
@@ -329,6 +332,7 @@ static void count_for(const survey *s, const spots *at, uint32_t lanes, const fl
         steep |= (uint32_t)(w.steep[i] >= trusted) << i;
     }
     left &= lanes & ~w.plain;
+    s->work->spent += count_lanes(left) / FULL_OF_WORK;
     if ((left & ~steep) != 0u) {
         march(s, at->c, left & ~steep, half->normal, most, gone);
     }
@@ -355,6 +359,7 @@ static int is_next(const survey *s) {
         return 0;
     }
     w->done++;
+    w->spent += w->done % HALVES_OF_WORK == 0u;
     return 1;
 }
 
@@ -653,7 +658,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
         }
         work->next++;
         cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
-        work->spent += zones->count / ZONES_OF_WORK;
+        work->spent += 1u + zones->count * zones->count / ZONES_OF_WORK;
         if (step + 1u == zones->count) {
             cr_way_agree(&work->relations, work->half);
             work->spent += work->relations.half_count * work->relations.half_count / PAIRS_OF_WORK;

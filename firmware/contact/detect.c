@@ -13,11 +13,13 @@
 /* Odometers are rebased here: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
-/* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; to tell what it is inside of. */
+/* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; to tell what it is inside of, and
+ * for each lane in a cell where planes meet. */
 #define WORK_OF_PLANES 1u
 #define WORK_OF_CELLS 2u
 #define WORK_INSIDE_PLANES 1u
 #define WORK_INSIDE_CELLS 3u
+#define WORK_OF_MEETING 1u
 
 static void forget(cr_motion *m) {
     m->slide_m = 0.0f;
@@ -136,7 +138,9 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
-    w->search->spent += l->planes != NULL ? WORK_INSIDE_PLANES : WORK_INSIDE_CELLS;
+    w->search->spent += l->planes != NULL
+                            ? WORK_INSIDE_PLANES
+                            : WORK_INSIDE_CELLS + WORK_OF_MEETING * count_lanes(l->covered & l->at->on_planes);
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 

@@ -95,7 +95,11 @@ class World:
         self.config = make_config(options or ReplayOptions())
         self.size_bytes = int(lib.cr_world_size(scene.handle, self.config))
         if self.size_bytes == 0:
-            raise SceneError(f"{scene.source}: {error_text(lib.CR_ERR_CONFIG)}; check the options")
+            wrong = lib.cr_config_error(self.config)
+            text = (
+                error_text(lib.CR_ERR_CONFIG) if wrong == ffi.NULL else ffi.string(wrong).decode()
+            )
+            raise SceneError(f"{scene.source}: a world setting is out of range: {text}")
         self._memory = np.zeros(self.size_bytes + _ALIGN, dtype=np.uint8)
         self._handle: Any = None
         self.reset()
