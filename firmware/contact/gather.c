@@ -1,5 +1,4 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
-#include "contact/lanes.h"
 #include "contact/way_out.h"
 
 #if CR_WAY_OUT
