@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from crease.base.errors import CreaseError
+from crease.base.settings import command_line
 from crease.base.version import VERSION
 from crease.verbs import (
     bake,
@@ -49,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and give its exit status."""
     try:
         args = make_parser().parse_args(argv)
-        args.run(args)
+        with command_line():
+            args.run(args)
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -250,6 +250,19 @@ def test_help_gives_the_text_of_every_public_name_and_the_call_of_bake() -> None
     for text in (inspect.getdoc(crease.bake), pydoc.plain(pydoc.render_doc(crease.bake))):
         assert "Bake a mock-up at rest and a tool into a scene." in str(text)
         assert all(f"{name}: " in str(text) for name in list(given)[2:])
+        for said in (
+            "crease.bake(static, tool, *, spacing_m=None, ",
+            "crease_angle_deg=30.0",
+            "-> Scene",
+        ):
+            assert said in str(text)
+        for said in (
+            "static, tool: ",
+            "vertices_m (n, 3)",
+            "Units    m, degrees, bytes.",
+            "Errors   MeshError",
+        ):
+            assert said in str(text)
 
 
 def test_help_gives_shape_unit_and_frame_of_every_part_of_an_output() -> None:

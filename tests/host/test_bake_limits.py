@@ -36,7 +36,7 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
     assert said.status == 1
     assert said.err.count("\n") == 1
     assert option[0] in said.err
-    assert "more than --memory-max 2 GiB; use " in said.err
+    assert "more than --memory-max 2GiB; use " in said.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -119,7 +119,7 @@ def test_noise_that_makes_creases_is_said_once() -> None:
     noisy = make_mesh(ball.vertices + shake, ball.faces, 1e-3, source="noisy")
     said = [w for w in bake_scene(noisy, cube, options).warnings if "noise" in w]
     assert len(said) == 1
-    assert "--crease-angle" in said[0]
+    assert "crease_angle_deg=90 leaves" in said[0]
     clean = make_mesh(ball.vertices, ball.faces, 1e-3, source="clean")
     assert not any("noise" in w for w in bake_scene(clean, cube, options).warnings)
 
@@ -131,7 +131,7 @@ def test_an_image_gets_no_larger_than_wished() -> None:
     room = len(free.image) // 2
     fitted = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room))
     assert len(fitted.image) <= room
-    assert any("--image-max" in note for note in fitted.warnings)
+    assert any("image_max_bytes=" in note for note in fitted.warnings)
 
 
 def test_creases_of_a_machined_part_are_not_noise() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from crease.base.table import read_table
-from crease.replay.cdr import Message, definition
+from crease.replay.cdr import MESSAGES, Message, definition
 from crease.replay.recording import load_recording, mode_names, to_columns
 from host_tools import Run
 from mcap.reader import make_reader
@@ -104,6 +104,30 @@ def test_a_table_is_read_back_from_mcap(press_out: Path, tmp_path: Path, crease:
         assert numbers(tool.transform.translation) == numbers(pose.pose.position)
         assert numbers(origin.transform.rotation, "x y z w") == [0.0, 0.0, 0.0, 1.0]
     assert max(m.wrench.force.z for _, m in found["/contact/wrench"]) > 1.0
+
+
+def schemas(path: Path) -> dict[int, tuple[str, bytes]]:
+    """Id -> name and definition of the schemas of a file."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return {one.id: (one.name, one.data) for one in summary.schemas.values()}
+
+
+def test_a_schema_has_one_id_in_every_file(
+    press_out: Path, run_crr: Path, scene_crs: Path, press_csv: Path, tmp_path: Path, crease: Run
+) -> None:
+    files = [tmp_path / f"{name}.mcap" for name in ("table", "recording", "replay", "hil")]
+    for words in (
+        ("export", press_out, "--to", "mcap", "-o", files[0]),
+        ("export", run_crr, "--to", "mcap", "-o", files[1]),
+        ("replay", scene_crs, press_csv, "-o", files[2]),
+        ("hil", scene_crs, "--operator", press_csv, "-o", files[3]),
+    ):
+        assert crease(*words).status == 0
+    first = schemas(files[0])
+    assert [first[i + 1][0] for i in range(len(first))] == list(MESSAGES)
+    assert all(schemas(file) == first for file in files[1:])
 
 
 def test_a_recording_is_read_back_from_mcap(run_crr: Path, crease: Run) -> None:

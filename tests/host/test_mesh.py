@@ -127,7 +127,7 @@ def test_box_without_lid_is_closed_with_a_place_and_strictly_refused() -> None:
     assert volume(mesh) == pytest.approx(1.0)
     assert "closed 1 opening, 20 % of the surface" in mesh.warnings[0]
     assert "near (0.5, 0.5, 1) m" in mesh.warnings[0]
-    with pytest.raises(MeshError, match=r"part: closed 1 opening, .*; --strict refuses"):
+    with pytest.raises(MeshError, match=r"part: closed 1 opening, .*; strict=True refuses"):
         make_mesh(vertices, triangles[~lid], source="part", strict=True)
 
 
@@ -223,7 +223,7 @@ def test_surface_through_itself_is_strictly_refused_with_a_place() -> None:
     vertices = np.array(ball.vertices)
     top = vertices[:, 2] > 0.5
     vertices[top, 2] = 2.5 - 4.0 * vertices[top, 2]
-    with pytest.raises(MeshError, match=r"passed through itself: .* one near \(.*--strict"):
+    with pytest.raises(MeshError, match=r"passed through itself: .* one near \(.*strict=True"):
         make_mesh(vertices, ball.faces, strict=True)
 
 
@@ -259,14 +259,14 @@ def test_flat_sheet_is_refused() -> None:
 
 def test_wrong_unit_is_refused_with_the_likely_one() -> None:
     vertices, triangles = box((0, 0, 0), (200, 200, 100))
-    with pytest.raises(MeshError, match=r"300 m across .* --unit mm \(300 mm\)"):
+    with pytest.raises(MeshError, match=r"300 m across .* unit mm \(300 mm\)"):
         make_mesh(vertices, triangles, 1.0)
 
 
 def test_unlikely_unit_gets_a_warning() -> None:
     mesh = make_mesh(*box((0, 0, 0), (30, 30, 30)), 1.0)
     assert "52 m across" in mesh.warnings[0]
-    assert "--unit mm (52 mm)" in mesh.warnings[0]
+    assert "unit mm (52 mm)" in mesh.warnings[0]
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from crease.base import table
 from crease.base.errors import CreaseError, TableError
+from crease.base.settings import command_line
 from crease.base.table import check_target, load_npz, read_table, write_atomic, write_table
 from hypothesis import given
 from hypothesis import strategies as st
@@ -75,7 +76,9 @@ def test_other_suffix_is_refused(tmp_path: Path) -> None:
 def test_target_that_exists_needs_force(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
     path.touch()
-    with pytest.raises(CreaseError, match="--force"):
+    with pytest.raises(CreaseError, match="give force=True to replace"):
+        check_target(path, force=False)
+    with command_line(), pytest.raises(CreaseError, match="give --force to replace"):
         check_target(path, force=False)
     check_target(path, force=True)
 

@@ -21,6 +21,7 @@ from crease.bake.voxmap import Voxmap, make_voxmap
 from crease.base.arguments import default_memory_max
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.settings import setting
 from crease.base.units import format_length, format_size
 from crease.mesh.mesh import Mesh
 
@@ -92,13 +93,13 @@ def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
     spacing = default_spacing_m(tool) if options.spacing_m is None else options.spacing_m
     voxel = default_voxel_m(static, spacing) if options.voxel_m is None else options.voxel_m
     tolerance = voxel / 4 if options.tolerance_m is None else options.tolerance_m
-    for name, value in (("--spacing", spacing), ("--voxel", voxel), ("--tolerance", tolerance)):
+    for name, value in (("spacing_m", spacing), ("voxel_m", voxel), ("tolerance_m", tolerance)):
         if not (math.isfinite(value) and value > 0):
-            raise MeshError(f"{name} {value}: must be a positive length")
+            raise MeshError(f"{setting(name)} is {value}: must be a positive length")
     span = float(np.ptp(tool.vertices_m, axis=0).max())
     if spacing > span:
         raise MeshError(
-            f"--spacing {format_length(spacing)} is larger than the tool ({format_length(span)}): use a smaller one"
+            f"{setting('spacing_m', spacing)} is larger than the tool ({format_length(span)}): use a smaller one"
         )
     return _sizes_at(voxel, spacing, options)
 
@@ -121,10 +122,10 @@ def noise_warning(surface: Surface, crease_angle_deg: float) -> list[str]:
         left = int(np.count_nonzero(creases.angle_rad >= math.radians(angle)))
         if angle > crease_angle_deg and left < 0.1 * count:
             break
+    now, better = (setting("crease_angle_deg", given) for given in (crease_angle_deg, angle))
     return [
-        f"{surface.mesh.source}: {count:,} of {edges:,} edges are sharper than --crease-angle {crease_angle_deg:g}, "
-        f"and {loose:,} of them lead nowhere: this looks like noise; --crease-angle {angle:g} leaves {left:,}, "
-        "or smooth the mesh"
+        f"{surface.mesh.source}: {count:,} of {edges:,} edges are sharper than {now}, and {loose:,} of them lead "
+        f"nowhere: this looks like noise; {better} leaves {left:,}, or smooth the mesh"
     ]
 
 
@@ -247,7 +248,7 @@ def bake_scene(
     if errors["error_max_m"] > sizes.tolerance_m:
         notes.append(
             f"the distance error near the surface is {format_length(errors['error_max_m'])}, more than the tolerance "
-            f"of {format_length(sizes.tolerance_m)}: refining ends at 1/4 voxel; use a smaller --voxel"
+            f"of {format_length(sizes.tolerance_m)}: refining ends at 1/4 voxel; use a smaller {setting('voxel_m')}"
         )
     return BakeResult(
         image.tobytes(),
@@ -277,13 +278,13 @@ def _fitting_voxmap(
     memory_max: int,
     report: Progress,
 ) -> tuple[_Sizes, Voxmap, list[str]]:
-    """The voxmap, with voxels as large as it takes to stay within --image-max, and what is said of that."""
+    """The voxmap, with voxels as large as it takes to stay within image_max_bytes, and what is said of that."""
     room = options.image_max_bytes
     shell_bytes = _bytes_of(shell.clusters, shell.sums, shell.groups, shell.adj_start, shell.adj)
     if room is not None and 1.05 * shell_bytes > room:
         raise MeshError(
-            f"the shell of the tool alone takes {format_size(shell_bytes)} of --image-max {format_size(room)}; "
-            "use a larger --spacing"
+            f"the shell of the tool alone takes {format_size(shell_bytes)} of {setting('image_max_bytes', room)}; "
+            f"use a larger {setting('spacing_m')}"
         )
     widest, tried = sizes, sizes
     for attempt in range(TRIES_MAX):
@@ -295,7 +296,7 @@ def _fitting_voxmap(
         rest += 40 * len(surface.creases.convex) + 4096
         if room is None or shell_bytes + rest <= room:
             said = (
-                f"--image-max {format_size(room or 0)}: voxels of {format_length(tried.voxel_m)} "
+                f"{setting('image_max_bytes', room or 0)}: voxels of {format_length(tried.voxel_m)} "
                 f"instead of {format_length(sizes.voxel_m)}, tolerance {format_length(tried.tolerance_m)}"
             )
             return tried, voxmap, [] if attempt == 0 else [said]
@@ -308,7 +309,7 @@ def _fitting_voxmap(
         grow = math.sqrt(max(1.1, rest / (room - shell_bytes)))
         tried = _sizes_at(_rounded(1.05 * widest.voxel_m * grow), sizes.spacing_m, options)
     raise MeshError(
-        f"the image does not get below --image-max {format_size(room or 0)}; use a larger --spacing"
+        f"the image does not get below {setting('image_max_bytes', room or 0)}; use a larger {setting('spacing_m')}"
     )
 
 

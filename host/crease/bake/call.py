@@ -26,6 +26,8 @@ def bake(
 ) -> Scene:
     """Bake a mock-up at rest and a tool into a scene.
 
+    static, tool: what `load_mesh` or `make_mesh` gave: closed surfaces, vertices_m (n, 3) and triangles (m, 3); the
+    frame of static becomes the world, that of tool the one that poses move.
     spacing_m: distance between samples of the tool; None: 1/30 of its middle size, at most about 20,000 samples.
     voxel_m: side of a voxel; None: the spacing, at least 1/600 of the mock-up. crease_angle_deg: 0 to 180, edges
     that turn more are creases. tolerance_m: refine until the distance error near the surface is below this; None: a
@@ -33,9 +35,9 @@ def bake(
     that takes more; None: half of the machine's. progress: called with what is done and the part of it that is, 0..1.
 
     Units    m, degrees, bytes.
-    Output   a scene as `crease bake` makes it, to the byte; `warnings` holds what its command line would say.
-    Errors   MeshError naming an argument that is out of range; when sizes do not fit together, or would take more
-             memory than they may.
+    Output   a scene as `crease bake` makes it, to the byte; `warnings` holds what there is to say of it, and of the
+             meshes.
+    Errors   MeshError naming the argument: out of range, sizes that do not fit together, more memory than may be.
     Cost     about a second for small parts, minutes for a million triangles.
     Source   host/crease/bake/README.md "Voxmap" and "Point shell".
     """

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from crease.bake.layout import CELLS_SIDE
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
+from crease.base.settings import setting
 from crease.mesh.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
@@ -53,7 +54,7 @@ def make_grid(surface: Surface, voxel_m: float, near_m: float) -> Grid:
     if int(np.prod(dims)) > GRID_MAX or int(dims.max()) > 65536:
         raise MeshError(
             f"{surface.mesh.source}: a voxel of {voxel_m:g} m makes {np.prod(dims):,} bricks, at most {GRID_MAX:,} fit;"
-            " use a larger --voxel"
+            f" use a larger {setting('voxel_m')}"
         )
     return Grid(
         origin,

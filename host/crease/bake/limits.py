@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from crease.base.errors import MeshError
+from crease.base.settings import setting
 from crease.base.units import format_length, format_size
 from crease.mesh.mesh import Mesh
 from crease.mesh.topology import areas_m2
@@ -29,8 +30,8 @@ def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:
     if needs > memory_max:
         fits_m = spacing_m * math.sqrt(SAMPLE_BYTES * samples / max(memory_max - BASE_BYTES, 1e6))
         raise MeshError(
-            f"--spacing {format_length(spacing_m)} makes about {samples:,.0f} samples and takes about "
-            f"{format_size(needs)}, more than --memory-max {format_size(memory_max)}; "
+            f"{setting('spacing_m', spacing_m)} makes about {samples:,.0f} samples and takes about "
+            f"{format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
             f"use {format_length(_up(fits_m))} or more"
         )
 
@@ -41,8 +42,8 @@ def check_grid(static: Mesh, voxel_m: float, cells: float, memory_max: int) -> N
     if needs > memory_max:
         fits_m = voxel_m * (GRID_BYTES * cells / max(memory_max - BASE_BYTES, 1e6)) ** (1 / 3)
         raise MeshError(
-            f"{static.source}: --voxel {format_length(voxel_m)} makes a grid of {cells:,.0f} bricks and takes about "
-            f"{format_size(needs)}, more than --memory-max {format_size(memory_max)}; "
+            f"{static.source}: {setting('voxel_m', voxel_m)} makes a grid of {cells:,.0f} bricks and takes about "
+            f"{format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
             f"use {format_length(_up(fits_m))} or more"
         )
 
@@ -53,8 +54,8 @@ def check_bricks(static: Mesh, voxel_m: float, bricks: int, cells: float, memory
     if needs > memory_max:
         fits_m = voxel_m * math.sqrt(needs / max(memory_max - BASE_BYTES, 1e6))
         raise MeshError(
-            f"{static.source}: --voxel {format_length(voxel_m)} makes {bricks:,} bricks near the surface and takes "
-            f"about {format_size(needs)}, more than --memory-max {format_size(memory_max)}; "
+            f"{static.source}: {setting('voxel_m', voxel_m)} makes {bricks:,} bricks near the surface and takes "
+            f"about {format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
             f"use {format_length(_up(fits_m))} or more"
         )
 

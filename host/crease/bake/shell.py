@@ -18,6 +18,7 @@ from crease.bake.surface import Surface
 from crease.bake.vectors import F64, I64, rounded_up, unit
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.settings import setting
 
 BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
 """Records of neighbours that one cluster may have."""
@@ -87,7 +88,7 @@ def make_adjacency(
     if most > BESIDE_MAX:
         raise MeshError(
             f"{most} neighbours of one cluster of samples, at most {BESIDE_MAX}: the tool has creases much closer "
-            "together than its samples; give a smaller --spacing, or a tool without that detail"
+            f"together than its samples; give a smaller {setting('spacing_m')}, or a tool without that detail"
         )
     return start, out
 

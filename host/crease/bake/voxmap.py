@@ -20,6 +20,7 @@ from crease.bake.refine import Coarse, Fine, pack_fine, refine
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.settings import setting
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -289,7 +290,7 @@ def make_voxmap(
     if len(where) > BRICKS_MAX:
         raise MeshError(
             f"{surface.mesh.source}: {len(where):,} bricks near the surface, at most {BRICKS_MAX:,} fit;"
-            " use a larger --voxel"
+            f" use a larger {setting('voxel_m')}"
         )
     check_bricks(surface.mesh, voxel_m, len(where), float(np.prod(grid.dims)), memory_max)
     phi, facet = _base_samples(surface, grid, where, lambda part: progress("distances", part))

@@ -74,7 +74,7 @@ class Scene:
         if self.meshes_glb is not None:
             files = {meshes_path(path): self.meshes_glb, **files}
         for file in files:
-            check_target(file, force, how="force=True")
+            check_target(file, force)
         for file, data in files.items():
             write_bytes(file, data)
         return path

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from crease.base.errors import CreaseError, TableError
 from crease.base.native import ffi, lib
+from crease.base.settings import setting
 
 Column = npt.NDArray[Any]
 
@@ -29,10 +30,8 @@ NPZ_BYTES_MAX = 2 << 30
 """Arrays of an NPZ file, unpacked: two hours of ticks. A small file can unpack to any size."""
 
 
-def check_target(
-    path: Path, force: bool, inputs: Sequence[Path] = (), how: str = "--force"
-) -> None:
-    """Whether `path` can be written, with `inputs` read before. how: what a user gives for `force`.
+def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
+    """Whether `path` can be written, with `inputs` read before.
 
     Errors: CreaseError when an input is missing (said first) or is `path` itself, whatever `force`; when `path` exists
     and `force` is not given; when its folder is missing.
@@ -45,7 +44,7 @@ def check_target(
     if path.is_dir():
         raise CreaseError(f"{path}: is a folder; name a file")
     if path.exists() and not force:
-        raise CreaseError(f"{path}: exists already; give {how} to replace it")
+        raise CreaseError(f"{path}: exists already; give {setting('force', True)} to replace it")
     if not path.absolute().parent.is_dir():
         raise CreaseError(f"{path}: there is no folder {path.parent}; make it first")
 

@@ -226,7 +226,7 @@ class Loop:
             )
         file = Path(file)
         check_suffix(file, (SUFFIX,))
-        check_target(file, force, how="force=True")
+        check_target(file, force)
         recording = self._loop.result().recording
         write_bytes(file, recording_bytes(recording.rows, recording.config, self.scene))
         return file

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.errors import MeshError
+from crease.base.settings import setting
 from crease.base.units import format_length
 from crease.mesh import arrange, closing, topology
 from crease.mesh.draft import (
@@ -280,7 +281,7 @@ def _cut_crossings(draft: Draft) -> None:
     kept, _ = arrange.outer_surface(made)
     if len(kept) == 0:
         raise MeshError(
-            "is flat: nothing lies between its triangles; give it thickness, such as --sheet 1mm"
+            f"is flat: nothing lies between its triangles; give it thickness, such as {setting('sheet_m', 1e-3)}"
         )
     place = draft.place(draft.vertices[draft.triangles[pairs[0]]]) if len(pairs) else ""
     draft.vertices, draft.triangles = topology.compact(made.vertices, kept)

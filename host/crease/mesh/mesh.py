@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from crease.base.arguments import check_positive
 from crease.base.errors import MeshError, UnitError
+from crease.base.settings import setting
 from crease.base.table import describe
 from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
@@ -136,7 +137,9 @@ def make_mesh(
     except MeshError as error:
         raise MeshError(f"{source}: {error}") from error
     if strict and notes:
-        raise MeshError(f"{source}: {notes[0]}; --strict refuses what has to be mended")
+        raise MeshError(
+            f"{source}: {notes[0]}; {setting('strict', True)} refuses what has to be mended"
+        )
     warnings = tuple(f"{source}: {note}" for note in (*hint, *notes))
     return Mesh(vertices_m, faces, digest_sha256, source, warnings, unit_m)
 
@@ -267,7 +270,7 @@ def _check_size(points_m: npt.NDArray[np.float64], unit_m: float, source: str) -
     if diagonal_m == 0.0:
         raise MeshError(f"{source}: all vertices are one point; export it again")
     likely = _likely_units(diagonal_m / unit_m)
-    mend = f"try --unit {likely}" if likely else "check the unit and the export"
+    mend = f"try {setting('unit')} {likely}" if likely else "check the unit and the export"
     if not SIZE_MIN_M <= diagonal_m <= SIZE_MAX_M:
         raise MeshError(
             f"{source}: is {format_length(diagonal_m)} across in this unit, outside 1 mm..100 m; {mend}"

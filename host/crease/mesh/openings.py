@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.errors import MeshError
+from crease.base.settings import setting
 from crease.base.units import format_length
 from crease.mesh import arrange, closing, topology
 from crease.mesh.draft import WELD, Draft, drop_triangles, plural, sew, turn_triangles
@@ -165,11 +166,12 @@ class _Pieces:
             edges = len(topology.unbalanced_edges(draft.triangles, draft.vertex_count))
             raise MeshError(
                 f"is open and encloses nothing: {plural(edges, 'edge')} with a triangle on one side only, "
-                f"one near {place}; give its sheets a thickness, such as --sheet 1mm, or close it in the modeller"
+                f"one near {place}; give its sheets a thickness, such as {setting('sheet_m', 1e-3)}, "
+                "or close it in the modeller"
             )
         draft.notes.append(
             f"left out {plural(int(sheets.sum()), 'open sheet')} that enclose nothing, {100.0 * share:.2g} % of the "
-            f"surface, one near {place}; --sheet 1mm gives them a thickness"
+            f"surface, one near {place}; {setting('sheet_m', 1e-3)} gives them a thickness"
         )
         kept = np.flatnonzero(~sheets)
         self._caps = {n: self._caps[i] for n, i in enumerate(kept.tolist()) if i in self._caps}

@@ -47,6 +47,9 @@ _WHOLE = {
 }
 """Those of ROS, and two of our own for what it has no message for; their readers have the definition from the file."""
 
+MESSAGES = tuple(_WHOLE)
+"""Names of all messages. The place in it, from 1, is the schema's id in MCAP: new ones come last."""
+
 
 def definition(name: str) -> str:
     """The whole definition of a message, with those of its parts, as MCAP's `ros2msg` has it.   Errors: KeyError."""

@@ -13,7 +13,7 @@ from crease.base.errors import CreaseError, SceneError, TableError
 from crease.base.scene import Scene
 from crease.base.table import Column, read_table, write_atomic, write_table
 from crease.base.version import VERSION
-from crease.replay.cdr import Message, definition
+from crease.replay.cdr import MESSAGES, Message, definition
 from crease.replay.clouds import contact_topics, options_of_recording, path_of_recording
 from crease.replay.recording import (
     Recording,
@@ -217,9 +217,9 @@ def _write_mcap(out: Path, t_s: Column, topics: Topics) -> None:
     def write(file: BinaryIO) -> None:
         writer = Writer(file)
         writer.start(profile="ros2", library=f"crease {VERSION}")
-        schemas = {
+        schemas = {  # all there are, in one order: an id means the same message in every file
             name: writer.register_schema(name, "ros2msg", definition(name).encode())
-            for name in sorted({name for name, _ in topics.values()})
+            for name in MESSAGES
         }
         channels = {
             topic: writer.register_channel(topic, "cdr", schemas[name])

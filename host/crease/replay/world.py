@@ -184,7 +184,7 @@ class Replay:
         """
         file = Path(file)
         check_suffix(file, (".csv", ".npz"))
-        check_target(file, force, how="force=True")
+        check_target(file, force)
         write_table(file, to_columns(self.path, self.rows))
         return file
 
