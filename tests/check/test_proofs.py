@@ -11,6 +11,13 @@ import pytest
 from proofs import ROOT, all_proofs, main, page_breach, prove, read_proof
 
 SPOILED = [
+    (
+        "scene_cluster",
+        "contact/scene.c",
+        "c->piece[i] >= m->piece_count",
+        "c->piece[i] > m->piece_count",
+    ),
+    ("servo_rx", "servo/servo.c", "s->frame_count >= CR_RX_MAX", "s->frame_count > CR_RX_MAX"),
     ("scene_sections", "contact/scene.c", "end > size_bytes)", "end > size_bytes + 64u)"),
     (
         "sdo_answer",
