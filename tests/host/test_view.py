@@ -367,8 +367,10 @@ def test_times_of_a_replay_are_the_least_of_its_repeats(
     assert crease("replay", scene_crs, press_csv, "-o", out).status == 0
     assert len(calls) == 5
     assert read_table(out)["tick_ns"].max() < 5_000_000
+    assert set(read_table(out)["runs"]) == {5}
     assert crease("replay", scene_crs, press_csv, "-o", out, "--force", "--repeat", "1").status == 0
     assert read_table(out)["tick_ns"].max() == 5_000_000
+    assert set(read_table(out)["runs"]) == {1}
 
 
 @pytest.mark.parametrize(("response", "damping"), [("zones", 0), ("fixed45", 0), ("zones", 5)])

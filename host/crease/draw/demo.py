@@ -19,7 +19,7 @@ from crease.draw.corner import CornerCase, draw_corner, section_xz
 from crease.draw.plot import draw_ticks, forces_N, save_figure
 from crease.draw.view import Replay, make_page
 from crease.mesh.mesh import load_mesh
-from crease.replay.replay import ReplayOptions, run_path, to_columns
+from crease.replay.replay import REPEAT, ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import load_trajectory
 
 SCENES = ("edge90_sphere", "edge90_cube")
@@ -33,7 +33,8 @@ def replay_both(spec: SceneSpec, images: Path, out: Path) -> dict[str, dict[str,
     tables = {}
     for response in NAMES:
         options = ReplayOptions(stiffness_N_m=spec.stiffness_N_m, response=response)
-        tables[response] = to_columns(path, run_path(scene, path, options, repeat=5))
+        rows = run_path(scene, path, options, repeat=REPEAT)
+        tables[response] = to_columns(path, rows, REPEAT)
         write_table(out / f"{spec.name}.{response}.csv", tables[response])
     return tables
 

@@ -5,6 +5,9 @@ const find = (id) => document.getElementById(id);
 const PLOT_HEIGHT = 150, SPAN_S = 4, PLOT_EVERY_MS = 40;
 const FULL_N = 20; // the device gives no more: the bar is full then
 
+// Times of the last second, with another one.
+const lastSecond = (times_ms, now_ms) => [...times_ms.filter((t) => t > now_ms - 1000), now_ms];
+
 // One tick, in the arrays that Stage draws a replay from; each view is written over the one before.
 function emptyTick() {
   const zeros = (n) => new Float64Array(n);
@@ -16,6 +19,27 @@ function emptyTick() {
   };
 }
 
+// Until the first view the head says what is waited for, and for how long by now.
+const wait = {
+  since_ms: performance.now(),
+  steps: [["unpacking the parts", 1], ["asking the loop for its first view; it runs already", 1], ["drawing the first picture", 2]],
+  at: 0,
+  tell() {
+    const [what, usual_s] = wait.steps[wait.at], so_far_s = Math.round((performance.now() - wait.since_ms) / 1000);
+    const late = so_far_s > 15 ? "; is the program that gave this address still there?" : "";
+    find("state").textContent = `${what}: about ${usual_s} s, ${so_far_s} s so far${late}`;
+  },
+  next(step) {
+    wait.at = step;
+    wait.tell();
+  },
+  end() {
+    clearInterval(wait.clock);
+  },
+};
+wait.clock = setInterval(wait.tell, 500);
+wait.tell();
+
 class Live {
   constructor(header, data) {
     this.header = { ...header, replays: [{ name: "live", contacts: "contacts0" }] };
@@ -23,11 +47,13 @@ class Live {
     this.patches = new Map();
     this.views = 0;
     this.drawn = 0;
+    this.drawings = []; // ms, of the last second, as `arrivals` those of the views
+    this.arrivals = [];
     this.stage = new Stage(find("stage"), this.header, this.data);
     this.stage.force_max_N = 6;
     this.stage.torque_max_Nm = 0.15;
     this.makeHand();
-    this.rows = Object.fromEntries(["contact", "torque", "depth", "zones", "loop", "behind", "page"].map((label) => {
+    this.rows = Object.fromEntries(["contact", "torque", "depth", "zones", "loop", "behind", "received", "drawn"].map((label) => {
       const row = find("values").insertRow();
       row.insertCell().textContent = label;
       return [label, row.insertCell()];
@@ -132,6 +158,7 @@ class Live {
   }
 
   lead(event) {
+    if (event.buttons !== 0) find("hint").hidden = true;
     if (!this.grip) {
       if (event.buttons === 0) this.stage.canvas.classList.toggle("grab", this.touched(event) !== null);
       return;
@@ -164,6 +191,7 @@ class Live {
   }
 
   say(hand) {
+    if (hand) find("hint").hidden = true;
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ hand }));
   }
 
@@ -171,6 +199,8 @@ class Live {
     this.socket = new WebSocket(this.header.socket);
     this.socket.addEventListener("message", (event) => this.takeView(JSON.parse(event.data)));
     this.socket.addEventListener("close", () => {
+      wait.end();
+      if (!this.drawn) find("state").textContent = "";
       find("trouble").textContent = "the loop has ended; start it again and open the address that it says";
       find("trouble").hidden = false;
     });
@@ -180,6 +210,8 @@ class Live {
   takeView(view) {
     this.view = view;
     this.views++;
+    this.arrivals = lastSecond(this.arrivals, performance.now());
+    if (this.views === 1) wait.next(2);
     const { replay0, contacts0 } = this.data;
     replay0.position_m.set(view.position_m);
     replay0.quaternion.set(view.quaternion);
@@ -236,9 +268,11 @@ class Live {
   }
 
   draw(now_ms) {
-    this.times = [...(this.times ?? []).filter((t) => t > now_ms - 1000), now_ms];
+    this.times = lastSecond(this.times ?? [], now_ms);
     if (!this.view || !this.stage.dirty) return;
     this.drawn++;
+    this.drawings = lastSecond(this.drawings, now_ms);
+    wait.end();
     this.keepUp(now_ms);
     const here = this.at();
     this.ring.position.copy(this.hand);
@@ -277,7 +311,8 @@ class Live {
     put(rows.zones, `${view.areas.length} area${view.areas.length === 1 ? "" : "s"}, ${view.zones.length} zone${view.zones.length === 1 ? "" : "s"}`);
     put(rows.loop, `tick ${view.ticks}, ${view.lost} lost`);
     put(rows.behind, `${view.late_max_ms.toFixed(0)} ms at most`);
-    put(rows.page, `${this.times.length} frames a second`);
+    put(rows.received, `${this.arrivals.length} views a second`);
+    put(rows.drawn, `${this.drawings.length} of them`);
     listPoints(find("points"), view.areas.length, (k) => ({
       at: vector(this.data.replay0.area_point_m, k), depth: view.areas[k][9], force: size(view.areas[k].slice(3, 6)),
     }));
@@ -292,6 +327,7 @@ window.crease = {
   ready: (async () => {
     const header = JSON.parse(find("header").textContent);
     const live = new Live(header, await decodeArrays(find("data").textContent, header.arrays));
+    wait.next(1);
     window.crease.live = live;
     await live.connect();
   })(),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 HOST = "127.0.0.1"
-FRAMES_S = 60.0
+VIEWS_S = 60.0
 CATCH_UP_S = 0.25
 """Views that are late by less are sent all the same: 60 a second is what a page can count on."""
 BEHIND_BYTES = 1 << 20
@@ -52,7 +52,7 @@ class Server:
         """page: makes the page from the address of its socket. port: 0 takes a free one."""
         self.session = session
         self.token = secrets.token_urlsafe(24)
-        self.frames = 0
+        self.views = 0
         """Views sent, counted once for all pages."""
         self._page, self._port = page, port
         self._text = b""
@@ -140,7 +140,7 @@ class Server:
         clock = asyncio.get_running_loop()
         due_s = clock.time()
         while self.session.trouble is None:
-            due_s = max(due_s + 1.0 / FRAMES_S, clock.time() - CATCH_UP_S)
+            due_s = max(due_s + 1.0 / VIEWS_S, clock.time() - CATCH_UP_S)
             await asyncio.sleep(max(0.0, due_s - clock.time()))
             listening = [
                 c for c in server.connections if c.transport.get_write_buffer_size() < BEHIND_BYTES
@@ -150,4 +150,4 @@ class Server:
             from websockets.asyncio.server import broadcast
 
             broadcast(listening, json.dumps(self.session.view(), separators=(",", ":")))
-            self.frames += 1
+            self.views += 1

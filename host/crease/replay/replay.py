@@ -18,6 +18,8 @@ from crease.replay.trajectory import Trajectory
 
 _ALIGN = 64
 _CHUNK = 8192
+REPEAT = 5
+"""Runs of a path: a scheduler that breaks into the same tick five times is rare."""
 
 ROW = record("cr_replay_row")
 """Of host/native/replay.h."""
@@ -31,6 +33,9 @@ ANSWER_COLUMNS = (
 
 COLUMNS = (*ANSWER_COLUMNS, *PATH_COLUMNS[1:])
 """Columns of a table of ticks, in the order of the file. The last are the pose: a table is a path too."""
+
+RUNS = "runs"
+"""A column after them, that older tables have not: how often the path was run; tick_ns is the least of it."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +149,10 @@ def run_path(
     return best
 
 
-def to_columns(path: Trajectory, rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
-    """The columns of a table of ticks, by name, from a path and what `run_path` gave."""
+def to_columns(
+    path: Trajectory, rows: npt.NDArray[Any], runs: int = 1
+) -> dict[str, npt.NDArray[Any]]:
+    """The columns of a table of ticks, by name, from a path and what `run_path` gave.   runs: its `repeat`."""
     values = [
         path.t_s,
         *rows["force_N"].T,
@@ -157,4 +164,5 @@ def to_columns(path: Trajectory, rows: npt.NDArray[Any]) -> dict[str, npt.NDArra
         *rows["display_rot"].T,
         *path.rows[:, 1:].T,
     ]
-    return dict(zip(COLUMNS, values, strict=True))
+    columns = dict(zip(COLUMNS, values, strict=True))
+    return {**columns, RUNS: np.full(len(path), runs, np.uint32)}

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, files: list[Path]) -> None:
         "ticks_lost": counts.lost,
         "late_max_ms": round(counts.late_max_ms, 3),
         "restarts": counts.restarts,
-        "frames": server.frames,
+        "views_sent": server.views,
     }
     print_either(
         args.json,
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace, files: list[Path]) -> None:
                 "ticks",
                 f"{counts.ticks:,}, {counts.lost:,} lost, {counts.late_max_ms:.0f} ms late at most",
             ),
-            ("frames", f"{server.frames:,}"),
+            ("views sent", f"{server.views:,}"),
             ("restarts", f"{counts.restarts}"),
         ],
     )

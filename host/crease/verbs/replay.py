@@ -14,7 +14,7 @@ from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, write_table
 from crease.base.units import format_length
 from crease.replay.recording import is_recording
-from crease.replay.replay import ReplayOptions, run_path, to_columns
+from crease.replay.replay import REPEAT, ReplayOptions, run_path, to_columns
 from crease.replay.trajectory import Trajectory, load_trajectory
 from crease.verbs.common import (
     SubParsers,
@@ -28,9 +28,6 @@ from crease.verbs.common import (
     whole,
     whole_in,
 )
-
-REPEAT = 5
-"""Runs of a path: a scheduler that breaks into the same tick five times is rare."""
 
 
 def skips(text: str) -> int:
@@ -167,7 +164,7 @@ def run(args: argparse.Namespace) -> None:
 
         write_replay(args.output, scene, path, rows, options)
     else:
-        write_table(args.output, to_columns(path, rows))
+        write_table(args.output, to_columns(path, rows, args.repeat))
     force_N = np.linalg.norm(rows["force_N"], axis=1)
     overflow = int(np.count_nonzero(rows["overflow"]))
     limit_N = args.force_max or float(lib.cr_config_default().force_max_N)

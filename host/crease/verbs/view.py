@@ -114,11 +114,12 @@ def run(args: argparse.Namespace) -> None:
 def _replay(scene: Scene, name: str, path: Path) -> Replay:
     """A table as it is; a path, which has no answers yet, with those of the default settings."""
     from crease.draw.view import Replay
-    from crease.replay.replay import run_path, to_columns
+    from crease.replay.replay import REPEAT, run_path, to_columns
     from crease.replay.trajectory import COLUMNS, load_trajectory
 
     table = read_table(path)
     if set(table) != set(COLUMNS):
         return Replay(name, table)
     rows = load_trajectory(path)
-    return Replay(name, to_columns(rows, run_path(scene, rows, repeat=5)), preview=True)
+    answers = run_path(scene, rows, repeat=REPEAT)
+    return Replay(name, to_columns(rows, answers, REPEAT), preview=True)

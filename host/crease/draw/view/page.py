@@ -21,7 +21,7 @@ from crease.draw.view.felt import amplifications, areas_of, jumps, moved_m, star
 from crease.draw.view.pack import Packer
 from crease.draw.view.scripts import load_scripts
 from crease.replay.contacts import NO_PATCH, Contacts, find_contacts, tool_samples_m
-from crease.replay.replay import COLUMNS
+from crease.replay.replay import COLUMNS, RUNS
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
 from crease.replay.trajectory import Trajectory, check_rows
 
@@ -174,7 +174,11 @@ def _add_replay(
     packer.add_numbers(f"{key}.area_point_m", areas.areas["point_m"], _POINT_M)
     packer.add_numbers(f"{key}.area_force_N", areas.areas["force_N"], 10 * _FORCE_N)
     packer.add_numbers(f"{key}.area_depth_m", areas.areas["depth_m"], 10 * _DEPTH_M)
-    return {"stiffness_N_m": stiffness, "jumps": jumps(force_N, amplification).tolist()}
+    return {
+        "stiffness_N_m": stiffness,
+        "jumps": jumps(force_N, amplification).tolist(),
+        "runs": int(table[RUNS][0]) if RUNS in table else None,
+    }
 
 
 def _add_contacts(made: _Made, key: str, contacts: Contacts, patches: list[int]) -> None:

@@ -7,6 +7,12 @@ const PLOT_HEIGHT = 132;
 const column = (values, k, width) => Float64Array.from({ length: values.length / width }, (_, i) => values[i * width + k]);
 const micro = (values) => Float64Array.from(values, (v) => Math.max(v, 1) / 1000);
 
+// What the times of the replays are: of one run each, the least of several, or nobody knows: tables of before do not tell.
+function timesOf(replays) {
+  const told = replays.map(({ runs }) => (!runs ? "runs not told" : runs === 1 ? "one run" : `least of ${runs} runs`));
+  return [...new Set(told)].join("; ");
+}
+
 // title, unit, lines of one replay as [label, values, dash], and options of the panel.
 const PANELS = [
   { title: "|F|", unit: "N", digits: 2, lines: (r) => [["", sizes(r.force_N), 0]] },
@@ -14,7 +20,7 @@ const PANELS = [
     lines: (r) => ["x", "y", "z"].map((axis, k) => [axis, column(r.force_N, k, 3), k]) },
   { title: "depth", unit: "mm", digits: 2, lines: (r) => [["", Float64Array.from(r.depth_m, (d) => 1000 * d), 0]] },
   { title: "turn of the force", unit: "deg per tick", digits: 2, lines: (r) => [["", Array.from(r.turn_deg, (v) => (v < 0 ? null : v)), 0]] },
-  { title: "tick cost", unit: "us", note: "least of the repeats", digits: 1, log: true, lines: (r) => [["", micro(r.tick_ns), 0]] },
+  { title: "tick cost", unit: "us", note: timesOf, digits: 1, log: true, lines: (r) => [["", micro(r.tick_ns), 0]] },
   { title: "contact zones", unit: "", digits: 0, note: "dashed: areas", steps: true,
     lines: (r) => [["zones", Float64Array.from(r.zones), 0], ["areas", Float64Array.from(r.areas), 1]] },
 ];
@@ -23,6 +29,7 @@ class Plots {
   // seek(seconds) is called while the reader drags.
   constructor(holder, header, data, seek) {
     this.seek = seek;
+    this.told = header.replays;
     this.replays = header.replays.map((_, i) => data[`replay${i}`]);
     this.time_s = 0;
     this.end_s = Math.max(...this.replays.map((r) => r.t_s[r.t_s.length - 1]));
@@ -35,7 +42,8 @@ class Plots {
     box.className = "plot";
     const head = box.appendChild(document.createElement("h2"));
     head.append(panel.unit ? `${panel.title}, ${panel.unit}` : panel.title);
-    if (panel.note) head.appendChild(document.createElement("span")).textContent = panel.note;
+    const note = typeof panel.note === "function" ? panel.note(this.told) : panel.note;
+    if (note) head.appendChild(document.createElement("span")).textContent = note;
     const lines = this.replays.map((replay) => panel.lines(replay));
     const series = [{}];
     lines.forEach((own, i) => own.forEach(([, , dash]) => series.push({
