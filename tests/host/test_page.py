@@ -131,7 +131,9 @@ def test_page_has_the_numbers_of_the_tables(page: Page, tables: list[Path]) -> N
 
 def test_times_say_of_how_many_runs_they_are_the_least(page: Page) -> None:
     heads = "[...document.querySelectorAll('#plots h2')].map((h) => h.textContent)"
-    assert [h for h in page.run(heads) if "tick cost" in h] == ["tick cost, usone run"]  # of one each
+    assert [h for h in page.run(heads) if "tick cost" in h] == [
+        "tick cost, usone run"
+    ]  # of one each
     for given, said in (
         ("{ runs: 5 }, { runs: 5 }", "least of 5 runs"),
         ("{ runs: 5 }, { runs: 1 }", "least of 5 runs; one run"),
