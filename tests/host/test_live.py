@@ -122,7 +122,6 @@ def test_sixty_views_a_second_while_no_tick_is_lost(live: Live) -> None:
         first = tab.run(look)
         time.sleep(4.0)
         views, ticks, drawn, beats, ms = (b - a for a, b in zip(first, tab.run(look), strict=True))
-        told = tab.run("[...document.querySelectorAll('#values tr')].map((row) => row.innerText)")
         work_ms = tab.run(  # all but the drawing, which the graphics processor of a reader does
             """(() => {
               const { live } = crease, spent = [];
@@ -142,16 +141,25 @@ def test_sixty_views_a_second_while_no_tick_is_lost(live: Live) -> None:
         assert views / ms > 0.050
         assert views / ticks > 0.055  # what is late on the way is not the server's
         assert 0 < drawn <= min(views, beats) + 2
-        rows = dict(line.split("\t") for line in told)
-        assert abs(int(rows["drawn"].split()[0]) - 1e3 * drawn / ms) <= 10
-        assert abs(int(rows["received"].split()[0]) - 1e3 * views / ms) <= 15
+        told = tab.run(  # five views come while one is drawn
+            """(() => {
+              const { live } = crease;
+              live.arrivals = [];
+              live.drawings = [];
+              for (let k = 0; k < 5; k++) live.takeView(structuredClone(live.view));
+              live.draw(performance.now());
+              return [live.rows.received.textContent, live.rows.drawn.textContent];
+            })()"""
+        )
+        assert told == ["5 views a second", "1 of them"]
         assert work_ms < 16.0
         assert tab.complaints == []
         assert {urlsplit(url).netloc for url in tab.requests} == {live.host}
+    lasted_s = time.monotonic() - start_s  # the end itself takes as long as the machine likes
     ended = live.end()
     assert ended["ticks_lost"] == 0
     assert ended["views_sent"] > views
-    assert ended["ticks"] == pytest.approx(1e3 * (time.monotonic() - start_s), abs=1000)
+    assert ended["ticks"] == pytest.approx(1e3 * lasted_s, abs=1000)
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from crease.base.scene import open_image, open_scene
 from crease.base.table import read_table
 from crease.replay.replay import (
     COLUMNS,
+    RUNS,
     ReplayOptions,
     World,
     run_path,
@@ -29,7 +30,7 @@ def test_names_come_from_the_c_enumerations() -> None:
 
 
 def test_table_has_the_documented_columns(press_out: Path) -> None:
-    assert tuple(read_table(press_out)) == COLUMNS
+    assert tuple(read_table(press_out)) == (*COLUMNS, RUNS)
 
 
 def test_ball_on_a_block_gives_k_times_depth_upwards(press_out: Path) -> None:
