@@ -245,8 +245,10 @@ void aside_take(aside *a, const cr_record *record) {
     atomic_fetch_add(&a->beats, 1u);
 }
 
-static int wait_for(const atomic_int *flag, int patience_ms) {
-    for (int ms = 0; ms < patience_ms && !atomic_load(flag); ms++) {
+/* Patience is by the clock: naps of a busy machine are longer than they are asked to be. */
+static int wait_for(const atomic_int *flag, uint64_t patience_ms) {
+    for (const uint64_t until_ns = can_now_ns() + patience_ms * 1000000u;
+         can_now_ns() < until_ns && !atomic_load(flag);) {
         nap(1);
     }
     return atomic_load(flag);
