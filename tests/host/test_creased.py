@@ -208,6 +208,8 @@ def test_blocked_terminal_holds_up_no_command_and_no_signal(
 ) -> None:
     def once(folder: Path) -> tuple[int, Rows, int]:
         read, write = full_pipe()
+        # When the tests run under nohup creased would keep it ignored.
+        kept = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         try:
             with running(folder, scene_crs, stdout=write, stderr=write) as run:
                 run.wait_for_torque()
@@ -217,6 +219,7 @@ def test_blocked_terminal_holds_up_no_command_and_no_signal(
                     run.signal(signal.SIGTERM)
                 status, _ = end_of(run)
         finally:
+            signal.signal(signal.SIGHUP, kept)
             os.close(read)
             os.close(write)
         return status, rows_of(run.record.read_bytes()), order
