@@ -75,7 +75,7 @@ class Found:
 
 
 class Counted:
-    """The work of ticks at poses, by this machine: a world that goes far away between them."""
+    """The work of ticks at poses, by this machine: a new world for each, which goes far away in the end."""
 
     def __init__(self, scene: Scene, lookups: int) -> None:
         """Settings: the default ones but for the work of a tick."""
@@ -86,7 +86,8 @@ class Counted:
         start = int(ffi.cast("uintptr_t", self._memory))
         place = ffi.cast("void *", -(-start // align) * align)
         self._world = ffi.new("cr_world **")
-        if lib.cr_world_init(self._world, place, size, scene.handle, config) != lib.CR_OK:
+        self._begin = (self._world, place, size, scene.handle, config)
+        if lib.cr_world_init(*self._begin) != lib.CR_OK:
             raise CheckError(f"{scene.source}: no world of it")
         self._out, self._pose = ffi.new("cr_output *"), ffi.new("cr_pose *")
         self._ticks = TICKS[lookups]
@@ -100,6 +101,7 @@ class Counted:
 
     def work(self, pose: F64) -> int:
         """Of the dearest tick at a pose."""
+        lib.cr_world_init(*self._begin)
         most = max(self._tick(pose) for _ in range(self._ticks))
         far = np.array([FAR_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         return max(most, *(self._tick(far) for _ in range(self._ticks)))
