@@ -305,16 +305,27 @@ static void answer_held(const cr_world *w, cr_output *out) {
     }
 }
 
-/* Areas of an earlier pose as they are felt at this one: the plane stays where it is, the point moves with the tool. */
+/* Areas of an earlier pose as they are felt at this one: the plane stays where it is, the point moves with the tool. What has come out of its plane is
+ * no area of this tick; the next one may be in it again. */
 static void carry(const cr_pose *from, const xform *now, cr_output *out) {
     const xform then = xform_from_pose(from);
+    uint32_t kept = 0u;
     for (uint32_t i = 0; i < out->area_count; i++) {
         cr_area *a = &out->areas[i];
         cr_vec3 p_tool = xform_unrotate(&then, v3_sub(a->point_world_m, then.t));
         cr_vec3 p = xform_point(now, p_tool);
-        a->depth_m = max_f(0.0f, a->depth_m - v3_dot(a->normal_world, v3_sub(p, a->point_world_m)));
+        const float depth_m = a->depth_m - v3_dot(a->normal_world, v3_sub(p, a->point_world_m));
+        if (depth_m <= 0.0f) {
+            continue;
+        }
+        a->depth_m = depth_m; /* not a number too: a fault */
         a->point_world_m = p;
+        if (kept != i) {
+            out->areas[kept] = *a;
+        }
+        kept++;
     }
+    out->area_count = kept;
 }
 
 static void drop_proxy_in_free_space(cr_world *w) {

@@ -113,7 +113,7 @@ def test_single_ticks_agree_with_the_loop(scene_crs: Path, press_csv: Path) -> N
 
 
 def test_settings_out_of_range_are_refused(scene_crs: Path) -> None:
-    with pytest.raises(SceneError, match="check the options"):
+    with pytest.raises(SceneError, match=r"scene.crs: .*stiffness_N_m: 0\.\.1e6"):
         World(open_scene(scene_crs), ReplayOptions(stiffness_N_m=-1.0))
 
 

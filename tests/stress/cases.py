@@ -25,6 +25,12 @@ POSES = 24
 EXACT_POSES = 1
 """Of these, how many are compared with exact booleans, a millisecond each, by each check that needs them."""
 
+WHOLE = ReplayOptions(lookups_max=1 << 20)
+"""Each pose is answered in its own tick: what is compared from pose to pose, or with exact solids, is that pose's."""
+
+FEW = 128
+"""Work of a tick that is not enough for an answer deep inside."""
+
 POINT_TOOLS = ("god_object", "sphere_proxy")
 """Responses for a point or a ball; they answer other tools, but promise less."""
 
@@ -127,7 +133,8 @@ def near(rng: Rng, place: Place, found: Found) -> Violation | None:
     poses = touching(rng, place.pair, POSES, -3e-3, 3e-3)
     # Half of the cases are of the library's own response, which has no coverage to choose.
     response = DEFAULT_RESPONSE if rng.random() < 0.5 else str(rng.choice(list(RESPONSES)))
-    options = ReplayOptions(
+    options = replace(
+        WHOLE,
         response=response,
         damping_Ns_m=float(rng.choice([0.0, 50.0])),
         coverage=str(rng.choice(["soft", "soft", "hard"])),
@@ -142,13 +149,20 @@ def near(rng: Rng, place: Place, found: Found) -> Violation | None:
 
 
 def deep(rng: Rng, place: Place, found: Found) -> Violation | None:
-    """The tool's origin anywhere in the static object's box: sound, no pull; convex solids push towards a way out."""
+    """The tool's origin anywhere in the static object's box: sound, no pull; convex solids push towards a way out.
+
+    Sound too when answers are late, and carried along to poses far from their own.
+    """
     solid = place.pair.solids.static.bounding_box()
     at = rng.uniform(solid[:3], solid[3:], (POSES, 3))
     poses = np.hstack([at, rotations(rng, POSES)])
-    options = ReplayOptions(force_max_N=float(rng.choice([5.0, checks.NO_LIMIT_N])))
+    options = replace(WHOLE, force_max_N=float(rng.choice([5.0, checks.NO_LIMIT_N])))
     rows = _run(place, poses, options, found)
-    bad = checks.sound(rows, poses, options) or checks.no_pull(place.placed, poses[:4], options)
+    few = replace(options, lookups_max=FEW)
+    late = checks.answer(place.placed, poses, few)
+    found.ticks += len(late)
+    bad = checks.sound(rows, poses, options) or checks.sound(late, poses, few)
+    bad = bad or checks.no_pull(place.placed, poses[:4], options)
     return bad or _against_exact(place, rows, poses, options)
 
 
@@ -156,15 +170,14 @@ def graze(rng: Rng, place: Place, found: Found) -> Violation | None:
     """Surfaces within micrometres of each other, a corner of the tool on a face: sound, free space."""
     size_m = 10.0 ** rng.uniform(-9, -4)
     poses = touching(rng, place.pair, POSES, -size_m, size_m)
-    options = ReplayOptions()
-    rows = _run(place, poses, options, found)
-    return checks.sound(rows, poses, options) or _against_exact(place, rows, poses, options)
+    rows = _run(place, poses, WHOLE, found)
+    return checks.sound(rows, poses, WHOLE) or _against_exact(place, rows, poses, WHOLE)
 
 
 def step(rng: Rng, place: Place, found: Found) -> Violation | None:
     """A slow path through contact: halve the step, halve the change."""
     poses = _walk(rng, place.pair, POSES, 0.1e-3, 0.5e-3)
-    options = ReplayOptions(response=place.response)
+    options = replace(WHOLE, response=place.response)
     bad, jump_m = checks.continuity(place.pair, place.placed, poses, options)
     found.numbers["jump, spacings"] = jump_m / place.placed.spacing_m
     found.ticks += POSES + 5 * (checks.BISECTIONS // 2) + 2
@@ -175,7 +188,7 @@ def skips(rng: Rng, place: Place, found: Found) -> Violation | None:
     """A path with slow and fast stretches: the same bits with each skip of detection switched off."""
     slow = _walk(rng, place.pair, POSES, 10.0 ** rng.uniform(-6, -3.5), 1e-3)
     poses = np.concatenate([slow, touching(rng, place.pair, 4, -1e-3, 5e-3), slow[::-1]])
-    options = ReplayOptions()
+    options = WHOLE
     rows = _run(place, poses, options, found)
     skip = int(rng.choice([0, lib.CR_SKIP_TOP | lib.CR_SKIP_TREE]))
     return checks.sound(rows, poses, options) or checks.same_without_skips(
@@ -207,7 +220,7 @@ def extreme(rng: Rng, place: Place, found: Found) -> Violation | None:
         if size > limit_N * (1 + 1e-5):
             return Violation("sound", "force above its limit", size, limit_N, poses[: i + 1], options)  # fmt: skip
     stiff = float(rng.choice([1e-3, 1e5, 1e6]))
-    return checks.same_stiffness(place.placed, poses[:8], ReplayOptions(), stiff)
+    return checks.same_stiffness(place.placed, poses[:8], WHOLE, stiff)
 
 
 def denormal(rng: Rng, place: Place, found: Found) -> Violation | None:
@@ -267,7 +280,7 @@ def invalid(rng: Rng, place: Place, found: Found) -> Violation | None:
 def frame(rng: Rng, place: Place, found: Found) -> Violation | None:
     """The same poses in the scene turned and shifted as a whole: the same force, turned."""
     poses = touching(rng, place.pair, POSES, -3e-3, 0.5e-3)
-    bad, errors = checks.same_in_frames(place.pair, poses, ReplayOptions())
+    bad, errors = checks.same_in_frames(place.pair, poses, WHOLE)
     found.ticks += 2 * POSES
     found.numbers["frame, mm"] = 1e3 * float(np.median(errors))
     found.numbers["frame max, mm"] = 1e3 * float(errors.max())

@@ -40,10 +40,15 @@ static int close_rigs(void **state) {
     return 0;
 }
 
-static void restart_with_few_lookups(crt_rig *rig) {
+static cr_config few_lookups(void) {
     cr_config config = cr_config_default();
     config.stiffness_N_m = STIFFNESS_N_M;
     config.lookups_max = LOOKUPS;
+    return config;
+}
+
+static void restart_with_few_lookups(crt_rig *rig) {
+    const cr_config config = few_lookups();
     crt_restart(rig, &config);
 }
 
@@ -201,19 +206,27 @@ static void late_force_of_a_wall_is_that_of_the_pose(void **state) {
 
 static void late_force_ends_where_the_tool_leaves(void **state) {
     (void)state;
-    restart_with_few_lookups(&wall);
+    cr_config damped = few_lookups();
+    damped.damping_Ns_m = 50.0f;
+    crt_restart(&wall, &damped);
     cr_pose pose = pressed(1e-3);
     for (int i = 0; i < 40; i++) {
         (void)tick(&wall, &pose);
     }
+    uint32_t silent = 0u;
     for (int i = 0; i < 40; i++) {
-        pose = pressed(1e-3 - 0.1e-3 * i);
+        /* out of the wall and, still out of it, back towards it: nothing is felt, not even damping */
+        const int step = i < 20 ? i : 31 - i / 2;
+        pose = pressed(1e-3 - 0.1e-3 * step);
         const cr_output out = tick(&wall, &pose);
         assert_true(out.force_world_N.z >= 0.0f);
-        if (i > 10) {
+        assert_float_equal(v3_norm(out.normal_world), out.area_count > 0u ? 1.0f : 0.0f, 1e-5f);
+        if (step > 10) {
             assert_float_equal(out.force_world_N.z, 0.0f, 0.0f);
+            silent += out.area_count == 0u;
         }
     }
+    assert_true(silent > 25u);
 }
 
 /* A tool at rest: the late answer is that of an unlimited search, but for rounding. */
