@@ -10,6 +10,7 @@ import sys
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,13 +68,17 @@ def run_program(program: Path) -> Count:
     return Count(passed, failed)
 
 
-def run_programs(folder: Path) -> Count:
-    """Every test program of `folder` (the ones whose source is still there)."""
+SLOW_PROGRAMS = ("test_bitflips", "test_rivals", "test_soak")
+"""C programs that take ten seconds and more: left out with --quick."""
+
+
+def run_programs(folder: Path, quick: bool = False) -> Count:
+    """Every test program of `folder` (the ones whose source is still there), as many at a time as there are cores."""
     sources = {path.stem for path in (ROOT / "tests").glob("*/test_*.c")}
-    count = Count()
-    for name in sorted(sources):
-        count += run_program(folder.resolve() / name)
-    return count
+    chosen = sorted(sources.difference(SLOW_PROGRAMS if quick else ()))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        counts = pool.map(run_program, (folder.resolve() / name for name in chosen))
+        return sum(counts, Count())
 
 
 HIL_FILES = ("tests/bus/test_drive.py", "tests/bus/test_bus_cli.py", "tests/hil")
@@ -129,11 +134,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--c-tests", type=Path, required=True, help="folder of test programs")
     parser.add_argument("--sanitized", type=Path, help="the same programs with sanitizers")
-    parser.add_argument("--quick", action="store_true", help="leave out tests marked slow")
+    parser.add_argument("--quick", action="store_true", help="leave out what takes a second and more")
     parser.add_argument("--only-c", action="store_true", help="no pytest")
     parser.add_argument("paths", nargs="*", default=["tests"], help="for pytest (tests)")
     args = parser.parse_args()
-    count = run_programs(args.c_tests)
+    count = run_programs(args.c_tests, args.quick)
     if args.sanitized:
         # The same tests a second time: they must pass, but are counted once.
         count += Count(0, run_programs(args.sanitized).failed)

@@ -104,6 +104,7 @@ def test_bus_counts_what_is_missing_or_malformed(tmp_path: Path) -> None:
     assert "answers missed" in crease("bus", "--read", path).out
 
 
+@pytest.mark.slow
 def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
     assert crease("bus", "--export", tmp_path / "out").status == 0
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
@@ -184,6 +185,7 @@ def test_fault_text_says_all_that_a_row_can() -> None:
     assert (fault.id, fault.to_drives, fault.value) == (0x181, True, 2)
 
 
+@pytest.mark.slow
 def test_sim_serves_a_python_can_bus_and_reports() -> None:
     result: list[Said] = []
     with make_link("inprocess"):

@@ -75,6 +75,7 @@ def prepare_402(net: canopen.Network, generated: Path) -> BaseNode402:
     return node
 
 
+@pytest.mark.slow
 def test_unmodified_402_client_enables_runs_faults_and_resets(link: Link, generated: Path) -> None:
     with network(link) as net:
         node = prepare_402(net, generated)
@@ -128,6 +129,7 @@ def test_state_frame_comes_once_per_sync_and_from_every_axis(link: Link) -> None
     assert last_state(link, 0x11)[2] & 0x4F == 0x40
 
 
+@pytest.mark.slow
 def test_heartbeat_of_the_host_stops_and_torque_goes_to_zero(link: Link) -> None:
     heartbeat_ms = (
         500 if link.transport == "virtual" else 30

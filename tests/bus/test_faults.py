@@ -195,6 +195,7 @@ def test_same_frames_and_faults_give_the_same_bus_to_the_bit() -> None:
     assert first == second
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(FAULT_KINDS))
 def test_every_fault_at_every_fiftieth_tick_leaves_the_drives_within_their_limits(
     kind: str,

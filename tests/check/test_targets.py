@@ -63,6 +63,7 @@ def test_what_leaves_continuous_integration_is_run_in_its_quick_form(copy: Path)
     assert "hil-m7" in shown(copy, "QUICK_TARGETS")
 
 
+@pytest.mark.slow
 def test_every_long_target_has_a_quick_form() -> None:
     for target in {*shown(ROOT, "QUICK_TARGETS"), "fuzz"} - QUICK_AS_THEY_ARE:
         whole, quick = (
@@ -72,6 +73,7 @@ def test_every_long_target_has_a_quick_form() -> None:
         assert whole != quick, f"make {target} QUICK=1 is what make {target} is"
 
 
+@pytest.mark.slow
 def test_quick_forms_write_into_a_folder_of_their_own() -> None:
     """Nothing that is checked in, and nothing that figures are taken from."""
     outputs = re.compile(r"(?:-o|--figures?|--output) (\S+)|rm -rf (\S+)")

@@ -73,6 +73,7 @@ def test_lint_finds(name: str, text: str, breach: str | None, tmp_path: Path) ->
     assert breach is None or breach in found[0]
 
 
+@pytest.mark.slow
 def test_every_picture_of_the_design_has_its_command(tmp_path: Path) -> None:
     linked = re.findall(r"!\[[^]]+\]\(([^)]+)\)", DESIGN.read_text(encoding="utf-8"))
     drawn = pictures.write_pictures(tmp_path)

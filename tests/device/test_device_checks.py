@@ -123,6 +123,7 @@ def test_ticks_that_were_not_counted_are_an_error() -> None:
         read_counts(("", ""), {"ticks": 2}, text)
 
 
+@pytest.mark.slow
 def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
     """One step of one constant: what a compiler that contracts or reorders would do to a product."""
     rows = path_rows(load_trajectory(ROOT / "build/meshes/edge90_sphere.csv"))[400:600]

@@ -32,6 +32,7 @@ def scene(scene_crs: Path) -> crease.Scene:
     return crease.Scene.open(scene_crs)
 
 
+@pytest.mark.slow
 def test_two_files_become_a_scene_like_that_of_the_command(
     block_stl: Path, ball_stl: Path, scene_crs: Path, tmp_path: Path, crease_command: Run
 ) -> None:

@@ -47,6 +47,7 @@ def test_the_loop_gives_way_and_pushes_back(scene: crease.Scene) -> None:
     assert not held.faults.any()
 
 
+@pytest.mark.slow
 def test_it_is_the_loop_of_the_instrument_to_the_bit(scene: crease.Scene) -> None:
     """No second loop: the ticks of `crease.loop.loop`, that `crease hil` and the benchmarks run."""
     poses, loop = way(300), crease.Loop(scene)

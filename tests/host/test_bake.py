@@ -27,6 +27,7 @@ def test_a_ball_bakes_at_any_tolerance(tolerance_m: float) -> None:
     assert 0.0 < scene.meta.error_max_m < max(1.5 * tolerance_m, 0.5e-3)
 
 
+@pytest.mark.slow
 def test_bakes_at_the_same_time_find_the_facets_of_one_alone() -> None:
     # Many facets each, and different ones: a sort key that threads share would order one mesh by another's areas.
     balls = [trimesh.creation.icosphere(subdivisions=s, radius=20.0) for s in (5, 5, 4)]
@@ -47,6 +48,7 @@ def test_bakes_at_the_same_time_find_the_facets_of_one_alone() -> None:
     assert differing == 0, f"{differing} of {len(together)} calls"
 
 
+@pytest.mark.slow
 def test_a_tool_with_more_detail_than_a_tick_can_work_off_is_refused() -> None:
     # A hundred cubes of 0.1 mm in a heap as wide as one sample: every sample is beside every other.
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in (5, 5, 4))), axis=-1).reshape(-1, 3)

@@ -40,6 +40,7 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_size_that_a_refusal_names_fits(
     tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
@@ -49,6 +50,7 @@ def test_the_size_that_a_refusal_names_fits(
     assert crease(*args, "--spacing", named, "--voxel", "5mm").status == 0
 
 
+@pytest.mark.slow
 def test_a_bare_number_is_in_the_unit_of_the_file(
     tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
@@ -68,6 +70,7 @@ def test_sizes_are_bytes(text: str, size: int) -> None:
     assert parse_size(text) == size
 
 
+@pytest.mark.slow
 def test_a_tolerance_that_is_missed_is_said_and_strictly_refused(
     tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
@@ -110,6 +113,7 @@ def test_a_truncated_stl_says_what_it_holds(
     assert f"{cut}: is cut off: it holds 100 of 5,120 triangles" in said.err
 
 
+@pytest.mark.slow
 def test_noise_that_makes_creases_is_said_once() -> None:
     ball = trimesh.creation.icosphere(4, radius=20.0)
     shake = np.random.default_rng(3).normal(0.0, 0.35, ball.vertices.shape)
@@ -124,6 +128,7 @@ def test_noise_that_makes_creases_is_said_once() -> None:
     assert not any("noise" in w for w in bake_scene(clean, cube, options).warnings)
 
 
+@pytest.mark.slow
 def test_an_image_gets_no_larger_than_wished() -> None:
     ball = trimesh.creation.icosphere(4, radius=20.0)
     mesh = make_mesh(ball.vertices, ball.faces, 1e-3, source="ball")
@@ -142,6 +147,7 @@ def test_creases_of_a_machined_part_are_not_noise() -> None:
     assert noise_warning(make_surface(mesh, 30.0), 30.0) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [400, 60])
 def test_kinds_of_cells_are_merged_until_they_fit(
     monkeypatch: pytest.MonkeyPatch, most: int

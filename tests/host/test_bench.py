@@ -170,6 +170,7 @@ def test_widened_records_are_laid_out_as_c_lays_them_out() -> None:
     assert widened(np.dtype("<i2")) == np.dtype("<i2")
 
 
+@pytest.mark.slow
 def test_the_firmware_in_double_answers_alike(tmp_path: Path) -> None:
     """Single precision costs less than 0.1 um here, and more than nothing: it really is another build."""
     scene, whole = open_scene(IMAGE), load_trajectory(ROOT / "build/meshes/edge90_cube.csv")
@@ -198,6 +199,7 @@ def test_a_tick_that_decides_otherwise_is_counted() -> None:
     assert cost.force_max_um == pytest.approx(1.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_program_that_does_not_compile_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(CreaseError, match="does not compile"):
         build(tmp_path / "none", ("-DCR_TREE_DEPTH_MAX=99",))
@@ -252,6 +254,7 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
     assert (tmp_path / "pareto.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_bytes_that_a_tick_reads_are_counted(
     scene_crs: Path, press_csv: Path, tmp_path: Path
 ) -> None:

@@ -95,6 +95,7 @@ def test_the_picture_is_written(tmp_path: Path, plate: Path, crease: Run) -> Non
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 1
 
 
+@pytest.mark.slow
 def test_the_thinnest_wall_of_a_hollow_ball_is_its_shell() -> None:
     outer = trimesh.creation.icosphere(4, radius=10.0)
     inner = trimesh.creation.icosphere(4, radius=9.0)

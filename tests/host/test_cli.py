@@ -35,6 +35,7 @@ def test_version_is_that_of_the_firmware(crease: Run) -> None:
     assert ".".join(map(str, parts)) == __version__
 
 
+@pytest.mark.slow
 def test_module_runs_as_the_command() -> None:
     result = subprocess.run(
         [sys.executable, "-m", "crease", "--version"], capture_output=True, text=True, check=True
@@ -75,6 +76,7 @@ def test_wrong_command_line_exits_2(crease: Run, line: str) -> None:
     assert "usage: crease" in said.err
 
 
+@pytest.mark.slow
 def test_bake_reports_for_people(
     folder: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
@@ -92,6 +94,7 @@ def test_bake_reports_for_people(
         assert word in said.out
 
 
+@pytest.mark.slow
 def test_bake_reports_for_programs(
     folder: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
@@ -118,6 +121,7 @@ def test_bake_reports_for_programs(
     assert report["warnings"] == []
 
 
+@pytest.mark.slow
 def test_same_meshes_bake_to_the_same_bytes(
     folder: Path, block_stl: Path, ball_stl: Path, scene_crs: Path, crease: Run
 ) -> None:
@@ -126,6 +130,7 @@ def test_same_meshes_bake_to_the_same_bytes(
     assert again.read_bytes() == scene_crs.read_bytes()
 
 
+@pytest.mark.slow
 def test_tool_may_have_a_unit_of_its_own(folder: Path, block_stl: Path, crease: Run) -> None:
     tool = folder / "ball_cm.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(tool)
@@ -135,6 +140,7 @@ def test_tool_may_have_a_unit_of_its_own(folder: Path, block_stl: Path, crease: 
     assert report["static"]["max_m"] == pytest.approx([0.04, 0.04, 0.0])
 
 
+@pytest.mark.slow
 def test_bake_warns_of_a_mend_and_goes_on(folder: Path, ball_stl: Path, crease: Run) -> None:
     box = trimesh.creation.box(extents=[80, 80, 40])
     box.invert()
@@ -158,6 +164,7 @@ def test_bake_refuses_an_open_mesh(folder: Path, ball_stl: Path, crease: Run) ->
     assert not (folder / "open.crs").exists()
 
 
+@pytest.mark.slow
 def test_bake_closes_an_open_mesh_or_strictly_refuses_it(
     folder: Path, ball_stl: Path, crease: Run
 ) -> None:

@@ -153,6 +153,7 @@ def end_of(run: Run, seconds: float = 10.0) -> tuple[int, str]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
+@pytest.mark.slow
 def test_signal_in_the_sleep_spoils_no_figure(tmp_path: Path, scene_crs: Path) -> None:
     """A sleep that is cut short began its period before its time: 1.8e19 us late, by unsigned arithmetic."""
     for k in range(4):
@@ -317,6 +318,7 @@ def test_terminal_that_goes_away_ends_nothing(tmp_path: Path, scene_crs: Path, n
 # ------------------------------------------------------------------------------------------------- who watches the loop
 
 
+@pytest.mark.slow
 def test_watchdog_hears_the_loop_and_is_disarmed_at_the_end(
     tmp_path: Path, scene_crs: Path
 ) -> None:
@@ -342,6 +344,7 @@ def test_watchdog_that_is_not_there_is_refused(tmp_path: Path, scene_crs: Path) 
     assert text == f"error: watchdog {tmp_path}/none: cannot be opened: No such file or directory\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["file", "abstract"])
 def test_service_manager_hears_ready_alive_and_stopping(
     tmp_path: Path, scene_crs: Path, name: str

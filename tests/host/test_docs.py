@@ -33,6 +33,7 @@ def text_of(page: Path) -> str:
     return " ".join(html.unescape(bare).replace("\xa0", " ").split())
 
 
+@pytest.mark.slow
 def test_every_public_name_of_python_has_a_place(docs: Path) -> None:
     page = (docs / "python/crease.html").read_text("utf-8")
     names = [

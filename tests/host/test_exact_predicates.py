@@ -98,6 +98,7 @@ def test_a_shallow_edge_that_misses_the_rim_by_far_does_not_cross(slope: float) 
     assert topology.self_intersections(vertices, triangles, 2e-6)[0] == 0
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=8)
 @given(st.integers(0, 10_000))
 def test_crossing_counts_are_those_of_rational_arithmetic(seed: int) -> None:

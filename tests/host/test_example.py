@@ -41,6 +41,7 @@ int main(void) {
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_example_of_the_readme_compiles_and_pushes(
     compiler: str, tmp_path: Path, scene_crs: Path

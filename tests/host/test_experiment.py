@@ -58,6 +58,7 @@ def test_exact_contact_agrees_with_the_golden_tables(static: str, tool: str, pat
         assert np.abs(1e3 * values - golden[f"f{axis}_mm"]).max() < 2e-6
 
 
+@pytest.mark.slow
 def test_penetration_does_not_depend_on_the_tessellation(tmp_path: Path) -> None:
     result = run_experiment("penetration", setup_in(tmp_path))
     check_files(result, tmp_path)
@@ -94,6 +95,7 @@ def test_only_responses_with_phases_are_timed(tmp_path: Path) -> None:
             time_phases(scene, path, ReplayOptions(response=response), 1)
 
 
+@pytest.mark.slow
 def test_timing_names_the_machine_and_every_phase(tmp_path: Path) -> None:
     result = run_experiment("timing", setup_in(tmp_path))
     check_files(result, tmp_path)
@@ -244,6 +246,7 @@ def test_command_line_says_what_is_wrong(crease: Run, tmp_path: Path) -> None:
     assert crease("experiment", "timing", "-o", tmp_path / "x", "--every", "0").status == 2
 
 
+@pytest.mark.slow
 def test_command_writes_table_and_names(crease: Run, tmp_path: Path) -> None:
     said = crease("experiment", "penetration", "-o", tmp_path / "out", "--every", "50",
                   "--meshes", MESHES, "--images", IMAGES)  # fmt: skip

@@ -114,6 +114,7 @@ def schemas(path: Path) -> dict[int, tuple[str, bytes]]:
     return {one.id: (one.name, one.data) for one in summary.schemas.values()}
 
 
+@pytest.mark.slow
 def test_a_schema_has_one_id_in_every_file(
     press_out: Path, run_crr: Path, scene_crs: Path, press_csv: Path, tmp_path: Path, crease: Run
 ) -> None:
@@ -326,6 +327,7 @@ def test_a_replay_writes_mcap_itself(
     assert forces == pytest.approx(columns["fz_N"].tolist(), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_loop_writes_mcap_itself_and_export_the_same(
     scene_crs: Path, press_csv: Path, run_crr: Path, tmp_path: Path, crease: Run
 ) -> None:

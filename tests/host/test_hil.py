@@ -98,6 +98,7 @@ def test_replay_tells_the_first_tick_that_differs(
     assert "the first is 1500" in said.err
 
 
+@pytest.mark.slow
 def test_replay_refuses_a_recording_of_another_scene(
     folder: Path, run_crr: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
@@ -192,6 +193,7 @@ def test_fault_clears_on_command_only(scene_crs: Path, slow_press_csv: Path) -> 
     assert loop.mode in (lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED)
 
 
+@pytest.mark.slow
 def test_plot_of_a_run_holds_commanded_and_felt_force_energy_timing_and_state(
     folder: Path, run_crr: Path, crease: Run
 ) -> None:

@@ -133,6 +133,7 @@ def pkg_config(prefix: Path, *options: str) -> list[str]:
     return call("pkg-config", *options, "crease", env=path).split()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["shared", "static"])
 def test_a_program_finds_it_by_pkg_config(
     how: str, prefix: Path, outside: Path, scene_crs: Path, poses: Path, felt: npt.NDArray[np.float32]
@@ -158,6 +159,7 @@ def by_cmake(prefix: Path, outside: Path) -> Path:
     return outside / "build"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["shared", "static", "cpp"])
 def test_a_program_finds_it_by_cmake(
     target: str, by_cmake: Path, prefix: Path, scene_crs: Path, poses: Path, felt: npt.NDArray[np.float32]

@@ -232,6 +232,7 @@ def answer(live: Live, path: str, host: str) -> int:
     return connection.getresponse().status
 
 
+@pytest.mark.slow
 def test_only_the_address_answers_and_only_here(live: Live) -> None:
     path = urlsplit(live.address).path
     assert len(path) > 30
@@ -257,6 +258,7 @@ def test_only_the_address_answers_and_only_here(live: Live) -> None:
             connect(live.socket, origin=origin)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "said",
     [
@@ -280,6 +282,7 @@ def test_nonsense_ends_the_talk_and_not_the_loop(said: str, live: Live) -> None:
         assert np.isfinite(view["position_m"]).all()
 
 
+@pytest.mark.slow
 def test_views_tell_every_tick_once(live: Live) -> None:
     with connect(live.socket, origin=Origin(f"http://{live.host}")) as talk:
         views = [json.loads(talk.recv(timeout=10)) for _ in range(40)]
@@ -304,6 +307,7 @@ def test_the_hand_follows_a_path_until_it_is_led() -> None:
     assert np.linalg.norm(running._pose[:3] - path.position_m, axis=1).min() < 1e-9  # on it again
 
 
+@pytest.mark.slow
 def test_a_fault_switches_the_device_off_and_on_again() -> None:
     running = Session(open_scene(SCENE))
     running.loop.run(np.tile(running._home, (5, 1)))
@@ -334,6 +338,7 @@ def test_a_machine_that_stood_still_loses_ticks_and_says_so(
     assert running.counts.late_max_ms == pytest.approx(999.0)  # the loss is the worst of all
 
 
+@pytest.mark.slow
 def test_a_place_out_of_reach_is_told_and_the_tool_stays() -> None:
     running = Session(open_scene(SCENE))
     running.hand_m(np.array([0.0, 5.0, 0.0]))
@@ -343,6 +348,7 @@ def test_a_place_out_of_reach_is_told_and_the_tool_stays() -> None:
     assert running.loop.mode in ("rendering", "limited")
 
 
+@pytest.mark.slow
 def test_what_cannot_be_live_is_refused(
     folder: Path, scene_crs: Path, press_csv: Path, crease: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip

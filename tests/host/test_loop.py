@@ -158,6 +158,7 @@ def pad() -> Scene:
     return pad_scene(BUILD / "loop")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [None, 0.0])
 def test_flat_wall_settles_below_the_bound_and_not_above(pad: Scene, delay_s: float | None) -> None:
     case = cases()[0]
@@ -172,6 +173,7 @@ def test_flat_wall_settles_below_the_bound_and_not_above(pad: Scene, delay_s: fl
         assert settles(run) is expected, f"{share} of {bound:.0f} N/m"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["edge", "corner"])
 def test_crease_allows_what_a_flat_wall_does(pad: Scene, place: str) -> None:
     case = next(c for c in cases() if c.place.name == place)
@@ -185,6 +187,7 @@ def test_crease_allows_what_a_flat_wall_does(pad: Scene, place: str) -> None:
         assert (run.recording.rows["zones"][run.path_start - 50 :] >= 2).any()
 
 
+@pytest.mark.slow
 def test_the_way_out_goes_round_an_edge_quietly_and_fixed45_does_not() -> None:
     ours, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "way_out")
     theirs, _ = drag_case("edge90_sphere", 0.5, FIRM_GRIP, "fixed45")
@@ -195,6 +198,7 @@ def test_the_way_out_goes_round_an_edge_quietly_and_fixed45_does_not() -> None:
     assert theirs.turn_deg > NOTICEABLE_TURN_DEG
 
 
+@pytest.mark.slow
 def test_the_way_out_goes_over_a_corner_quietly_and_fixed45_does_not() -> None:
     ours, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "way_out")
     theirs, _ = drag_case("corner3_sphere", 0.2, FIRM_GRIP, "fixed45")

@@ -151,6 +151,7 @@ def build_zephyr(folder: Path, conf: str, program: str = PROGRAM) -> Path:
     return folder / "b/app"
 
 
+@pytest.mark.slow
 def test_a_zephyr_application_feels_what_python_feels(
     tmp_path: Path, scene_crs: Path, poses: Path, felt: bytes
 ) -> None:
@@ -165,6 +166,7 @@ def test_a_zephyr_application_feels_what_python_feels(
     assert built == library()
 
 
+@pytest.mark.slow
 def test_settings_of_zephyr_reach_library_and_application(tmp_path: Path) -> None:
     checked = '_Static_assert(CR_AREAS_MAX == 4 && CR_CLUSTERS_MAX == 64, "");\nint main'
     conf = "CONFIG_CREASE=y\n# CONFIG_CREASE_SERVO is not set\n"
@@ -209,6 +211,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "crease"
 
 
+@pytest.mark.slow
 def test_a_platformio_project_feels_what_python_feels(
     unpacked: Path, tmp_path: Path, scene_crs: Path, poses: Path, felt: bytes
 ) -> None:
@@ -261,6 +264,7 @@ def component_files(pack: Path, category: str) -> list[str]:
     return [f.attrib["name"] for f in tree.iterfind(f".//file[@category='{category}']")]
 
 
+@pytest.mark.slow
 def test_a_project_with_the_pack_feels_what_python_feels(
     pack: Path, tmp_path: Path, scene_crs: Path, poses: Path, felt: bytes
 ) -> None:

@@ -63,6 +63,7 @@ SOLIDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOLIDS)
 def test_large_pieces_are_the_convex_parts(name: str) -> None:
     solid, parts = SOLIDS[name]
@@ -83,6 +84,7 @@ def test_large_pieces_are_the_convex_parts(name: str) -> None:
         assert (above <= 0.16 * far + 1e-6).mean() > 0.97
 
 
+@pytest.mark.slow
 def test_pieces_are_numbered_below_their_count() -> None:
     scene = bake(SOLIDS["pads"][0])
     records = clusters_of(scene)

@@ -18,6 +18,7 @@ from PIL import Image
 STARTS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(STARTS))
 def test_figure_is_written_in_every_format(
     folder: Path, press_out: Path, crease: Run, kind: str
@@ -29,6 +30,7 @@ def test_figure_is_written_in_every_format(
     assert figure.stat().st_size > 5_000
 
 
+@pytest.mark.slow
 def test_png_has_many_colours(folder: Path, press_out: Path, crease: Run) -> None:
     figure = folder / "many.png"
     crease("plot", press_out, "-o", figure)
@@ -37,6 +39,7 @@ def test_png_has_many_colours(folder: Path, press_out: Path, crease: Run) -> Non
         assert len(image.convert("RGB").getcolors(1 << 24) or []) > 50
 
 
+@pytest.mark.slow
 def test_several_tables_share_a_figure_with_their_names(
     folder: Path, press_out: Path, crease: Run
 ) -> None:
@@ -68,6 +71,7 @@ def test_table_without_torque_has_no_panel_for_it(press_out: Path) -> None:
     assert "torque" not in " ".join(axes.get_ylabel() for axes in draw_ticks([table], ["a"]).axes)
 
 
+@pytest.mark.slow
 def test_same_table_gives_the_same_svg(folder: Path, press_out: Path, crease: Run) -> None:
     one, two = folder / "one.svg", folder / "two_same.svg"
     for figure in (one, two):

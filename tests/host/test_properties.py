@@ -222,6 +222,7 @@ def test_force_that_depends_on_the_way_makes_energy(stages: dict[str, Stage]) ->
     assert row.values()["energy_share"] > 0.02 * stiff_J / soft_J
 
 
+@pytest.mark.slow
 def test_turns_do_work_too(stages: dict[str, Stage]) -> None:
     """Pressed level, let out tilted, and back: the gradient of a potential gives back all, without its torque not."""
     row = judged(stages["rock"], lowest_force, lowest_torque)
@@ -367,6 +368,7 @@ def test_bad_table_is_refused(tmp_path: Path, text: str) -> None:
         load_scenes(file)
 
 
+@pytest.mark.slow
 def test_paths_of_the_table_begin_and_end_free_and_move_little(
     meshes: Path, tmp_path: Path
 ) -> None:
@@ -384,6 +386,7 @@ def test_paths_of_the_table_begin_and_end_free_and_move_little(
         assert steps_mm(poses, pair.tool_vertices).max() < 0.35, scene.name
 
 
+@pytest.mark.slow
 def test_command_judges_a_scene(tmp_path: Path, crease: Run) -> None:
     done = crease(
         "bench", "properties", "-o", tmp_path, "--quick", "--scenes", "rock_loop",
@@ -402,6 +405,7 @@ def test_shapes_that_others_rely_on_are_where_they_say() -> None:
     assert np.hypot(30.0, property_shapes.SEAT_MM) == pytest.approx(40.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_search_finds_what_the_path_does_not_meet(stages: dict[str, Stage]) -> None:
     """A strip beside the path, 1.5 mm wide, where the force is doubled."""
 

@@ -50,6 +50,7 @@ RUNNABLE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", RUNNABLE)
 def test_marked_commands_run_as_written(page: Path, work: Path) -> None:
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"

@@ -118,6 +118,7 @@ def test_fine_bricks_are_packed_as_the_image_has_them() -> None:
     assert len(packed) % 32 == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thick_mm", [0.3, 0.8])
 def test_a_thin_wall_takes_a_small_image(thick_mm: float) -> None:
     from crease.bake.bake import BakeOptions, bake_scene
@@ -142,6 +143,7 @@ def test_blocks_that_take_much_room_have_quarters_only_where_halves_miss_the_tol
     assert _levels(many, TOLERANCE_M)[[0, 10_000, 20_000]].tolist() == [HALVES, HALVES, QUARTERS]
 
 
+@pytest.mark.slow
 def test_kinds_and_samples_are_in_the_image_once_and_used() -> None:
     from crease.bake.bake import BakeOptions, bake_scene
     from crease.bake.layout import CELLS_NONE, read_sections

@@ -51,6 +51,7 @@ def test_bad_table_is_refused(tmp_path: Path, text: str) -> None:
         load_specs(path, tmp_path)
 
 
+@pytest.mark.slow
 def test_only_what_is_out_of_date_is_baked(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, out = table.parent, table.parent / "out"
     command = [str(table), str(folder), str(out), "edge90_sphere"]
@@ -74,6 +75,7 @@ def test_unknown_scene_is_refused(table: Path, capsys: pytest.CaptureFixture[str
     assert "no scene moon; there are edge90_sphere, edge90_cube" in said
 
 
+@pytest.mark.slow
 def test_demonstration_writes_tables_and_pictures(table: Path) -> None:
     folder, images, out = table.parent, table.parent / "out", table.parent / "demo"
     assert scenes_main([str(table), str(folder), str(images)]) == 0

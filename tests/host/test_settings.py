@@ -59,6 +59,7 @@ def test_no_text_below_the_command_line_names_an_option(room: str) -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_the_same_refusal_in_both_tongues(
     block_stl: Path, ball_stl: Path, tmp_path: Path, crease: Run
 ) -> None:

@@ -219,6 +219,7 @@ def test_what_has_no_shape_is_refused_in_one_line(count: int) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_thousands_of_sheets_are_refused_at_once() -> None:
     vertices, triangles = grid_sheet()
     count = 3000

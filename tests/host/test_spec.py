@@ -283,6 +283,7 @@ def looked_up(scene: Scene, points: npt.NDArray[np.float32]) -> list[npt.NDArray
     return [phi, gradient, facet]
 
 
+@pytest.mark.slow
 def test_distances_of_fine_voxels_come_from_the_page_alone(thin_image: bytes) -> None:
     """A wall thinner than a voxel: many points lie in voxels that have samples of their own."""
     image = SpecImage(thin_image)

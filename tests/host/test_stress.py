@@ -47,6 +47,7 @@ def same(a: dict[str, object], b: dict[str, object]) -> bool:
     }
 
 
+@pytest.mark.slow
 def test_short_campaign_finds_no_violation_but_known_jumps(tmp_path: Path) -> None:
     settings = Settings(seed=SEED, cases=600, per_chunk=600, scenes=3)
     summary = summarise(run_campaign(tmp_path, settings))
@@ -58,6 +59,7 @@ def test_short_campaign_finds_no_violation_but_known_jumps(tmp_path: Path) -> No
     assert contacts > 0.3 * summary["ticks"]
 
 
+@pytest.mark.slow
 def test_a_campaign_is_taken_up_where_it_stopped(tmp_path: Path) -> None:
     settings = Settings(seed=SEED, cases=20, per_chunk=10, scenes=1)
     whole = run_campaign(tmp_path / "a", settings)
@@ -136,6 +138,7 @@ def test_two_dask_workers_processes_and_one_process_give_the_same_table(
         assert stress_table(tmp_path / "encrypted", *at) == here
 
 
+@pytest.mark.slow
 def test_what_a_cluster_at_tls_needs_is_said(tmp_path: Path, tls: Path) -> None:
     settings = Settings(1, 5, 5)
     for address, folder in (("tls://127.0.0.1:1", None), ("tcp://127.0.0.1:1", tls)):
@@ -146,11 +149,13 @@ def test_what_a_cluster_at_tls_needs_is_said(tmp_path: Path, tls: Path) -> None:
         run_campaign(tmp_path / "a", settings, scheduler="tls://127.0.0.1:1", tls=tls)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
     with pytest.raises(CreaseError, match="no answer"):
         run_campaign(tmp_path, Settings(1, 5, 5), scheduler="tcp://127.0.0.1:1")
 
 
+@pytest.mark.slow
 def test_cases_are_the_same_for_the_same_seed(pair: Pair) -> None:
     for case in range(12):
         one, two = (run_case((SEED, 0, case), [pair]) for _ in range(2))
@@ -194,6 +199,7 @@ def test_checks_see_wrong_answers(pair: Pair) -> None:
     assert checks.free(pair, pair.here, apart, near, options, 200) is not None
 
 
+@pytest.mark.slow
 def test_continuity_sees_a_jump_and_not_a_slope() -> None:
     """Of extent: hard coverage jumps by whole samples; soft coverage seldom does."""
     hard = soft = 0
@@ -265,6 +271,7 @@ def test_replay_takes_a_force_limit_and_skips(crease: Run, pair: Pair, tmp_path:
     assert "'tops' is no skip" in wrong.err
 
 
+@pytest.mark.slow
 def test_solids_shrink_while_the_violation_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     """With no depth allowed, any contact is a violation: most of both solids can go."""
     made = random_pair((SEED, 0, 1))[0]
@@ -318,6 +325,7 @@ def test_kinds_share_all_cases() -> None:
     assert sum(share for _, share in KINDS.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_quaternion_drift_over_a_short_run() -> None:
     assert ROW.itemsize == ffi.sizeof("cr_drift_row")
     kept, left = run_drift(SEED, 100_000, True, 200), run_drift(SEED, 100_000, False, 200)
@@ -326,6 +334,7 @@ def test_quaternion_drift_over_a_short_run() -> None:
     assert abs(kept.norm_last - 1) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_verb_reports_and_fails_on_violations(crease: Run, tmp_path: Path) -> None:
     words = (
         "stress",

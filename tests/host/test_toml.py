@@ -129,6 +129,7 @@ REFUSED = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", TAKEN)
 def test_values_are_taken_as_toml_means_them(value: str, lib: ctypes.CDLL) -> None:
     assert same(lib, f"[t]\nkey = {value}\n".encode())
@@ -174,6 +175,7 @@ def test_every_short_value_is_refused_or_means_the_same(lib: ctypes.CDLL) -> Non
     assert taken > 300
 
 
+@pytest.mark.slow
 @settings(max_examples=3000, deadline=None, derandomize=True)
 @given(st.text(alphabet='0123456789+-.eE_xX []",#\\=\tabn\r\nØ', max_size=24))
 @example("1 # \\")
@@ -191,6 +193,7 @@ def _shared(lib: ctypes.CDLL) -> None:
     LIB[:] = [lib]
 
 
+@pytest.mark.slow
 def test_a_device_that_is_taken_is_toml(lib: ctypes.CDLL) -> None:
     """device.toml with bytes and lines spoiled: what creased starts with, every other tool reads too."""
     rng = random.Random(11)

@@ -99,6 +99,7 @@ def test_one_flat_face_is_one_zone_and_one_area(scene_crs: Path, press_csv: Path
     assert points_m[:, :2] == pytest.approx(path.position_m[250:, :2], abs=5e-4)
 
 
+@pytest.mark.slow
 def test_an_area_keeps_its_label_while_it_lasts(folder: Path, block_stl: Path, crease: Run) -> None:
     legs = [
         trimesh.creation.box(bounds=[[x, -5, 0], [x + 8, 5, 20]]).apply_translation([0, 0, 0])
@@ -279,6 +280,7 @@ def test_missing_meshes_are_named(
     refuse(crease("view", press_out, "--scene", bare, "-o", page), page, "cannot be read", "bake")
 
 
+@pytest.mark.slow
 def test_meshes_of_another_scene_are_refused(
     folder: Path, scene_crs: Path, block_stl: Path, crease: Run
 ) -> None:
@@ -294,6 +296,7 @@ def test_meshes_of_another_scene_are_refused(
         read_bodies(open_scene(mixed))
 
 
+@pytest.mark.slow
 def test_table_of_another_scene_is_refused(
     folder: Path, press_out: Path, block_stl: Path, crease: Run
 ) -> None:

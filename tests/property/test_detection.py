@@ -31,6 +31,7 @@ QUICK = ("edge", "stairs")
 SCENES = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_contacts_are_the_samples_inside(name: str) -> None:
     """Counted against exact distances; samples closer to the surface than the stated error may count either way."""
@@ -107,6 +108,7 @@ def test_skipping_changes_no_bit_at_random_poses(name: str, skip: int) -> None:
     check_same(name, ReplayOptions(skip=skip, response="fixed45"), poses[:100])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_skipping_changes_no_bit_on_walks(name: str) -> None:
     for seed, step_m in ((1, 1e-3), (2, 1e-4), (3, 1e-6)):

@@ -47,6 +47,7 @@ def test_four_pads_push_as_one() -> None:
     np.testing.assert_allclose(four, one, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["legs_ridge_deep", "jaw", "corner"])
 def test_force_never_changes_faster_than_the_walls_allow(name: str) -> None:
     push, place = push_mm(SCENES[name])
@@ -56,6 +57,7 @@ def test_force_never_changes_faster_than_the_walls_allow(name: str) -> None:
     assert (change <= most * moved + 2e-3).all()
 
 
+@pytest.mark.slow
 def test_a_cube_pressed_deep_into_a_thick_wall_feels_its_depth() -> None:
     """Its lower samples are so far inside that the image knows no surface near them."""
     wall = property_scenes.box((-50, 50), (-50, 50), (-50, 0))

@@ -40,6 +40,7 @@ def scene(chunk: int, number: int) -> Pair:
     return random_pair((1, chunk, SCENE_SEED + number))[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("response", ["way_out", "extent"])
 @pytest.mark.parametrize("cause", FOUND)
 def test_cases_that_were_violated_hold(cause: str, response: str) -> None:

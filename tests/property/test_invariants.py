@@ -233,6 +233,7 @@ def exact_wall_depth_m(poses: F64) -> F64:
     return np.asarray(-(poses[:, 2] + low))
 
 
+@pytest.mark.slow
 def test_flat_wall_is_exact_for_every_tessellation_of_the_tool() -> None:
     poses = wall_poses(500)
     depth = exact_wall_depth_m(poses)
@@ -244,6 +245,7 @@ def test_flat_wall_is_exact_for_every_tessellation_of_the_tool() -> None:
         assert np.abs(force[:, :2]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_torque_does_not_depend_on_the_tessellation_of_the_wall() -> None:
     poses = wall_poses(200)
     torques = []

@@ -111,11 +111,13 @@ def rival_reference(folder: Path, inputs: Inputs) -> Hashes:
     return {kind: run(program, inputs, *kind, 7) for kind in RIVALS}
 
 
+@pytest.mark.slow
 def test_settings_have_hashes_of_their_own(reference: Hashes, rival_reference: Hashes) -> None:
     both = reference | rival_reference
     assert len(set(both.values())) == len(both) == len(RESPONSES) + 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", BUILDS)
 def test_every_build_has_the_same_hash(
     folder: Path, inputs: Inputs, reference: Hashes, options: str
@@ -125,6 +127,7 @@ def test_every_build_has_the_same_hash(
         assert run(program, inputs, response, coverage, 7) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", RIVAL_BUILDS)
 def test_every_build_with_rivals_has_the_same_hash(
     folder: Path, inputs: Inputs, reference: Hashes, rival_reference: Hashes, options: str
@@ -135,6 +138,7 @@ def test_every_build_with_rivals_has_the_same_hash(
         assert run(program, inputs, response, coverage, 7) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("skip", range(7))
 def test_skipping_changes_no_bit(
     folder: Path, inputs: Inputs, reference: Hashes, skip: int
@@ -144,6 +148,7 @@ def test_skipping_changes_no_bit(
         assert run(program, inputs, response, coverage, skip) == expected
 
 
+@pytest.mark.slow
 def test_skipping_changes_no_bit_of_a_rival(
     folder: Path, inputs: Inputs, rival_reference: Hashes
 ) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import manifold3d
 import numpy as np
+import pytest
 from crease.replay.replay import ReplayOptions
 from property_scenes import bake, box, run
 
 HALF_MM, RADIUS_MM = 1.2, 4.0
 
 
+@pytest.mark.slow
 def test_force_through_a_plate_stays_within_the_overlap_and_fades_at_balance() -> None:
     """As found by `crease stress`: at balance depth was 28 m, which the force limit hid."""
     plate = box((-30, 30), (-30, 30), (-HALF_MM, HALF_MM))

@@ -108,6 +108,7 @@ def test_fork_on_a_bar_has_two_opposite_areas() -> None:
     assert found.force_mm() == pytest.approx([-1.25 + 0.75, 0.0, 0.0], abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["edge90_cube", "corner3_sphere"])
 def test_normal_is_the_reversed_volume_gradient(built: Path, name: str) -> None:
     static, tool, trace = load(built, name)

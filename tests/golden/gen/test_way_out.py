@@ -150,6 +150,7 @@ def test_pieces_lie_in_the_solid_and_cover_it(static: str, tmp_path: Path) -> No
     assert (covered == np.array(inside)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["edge90_cube", "groove_block", "corner3_sphere", "bar_u"])
 def test_committed_table_is_what_the_program_computes(name: str, tmp_path: Path) -> None:
     scene, bodies = SCENES[name], []
