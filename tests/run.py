@@ -134,7 +134,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--c-tests", type=Path, required=True, help="folder of test programs")
     parser.add_argument("--sanitized", type=Path, help="the same programs with sanitizers")
-    parser.add_argument("--quick", action="store_true", help="leave out what takes a second and more")
+    parser.add_argument(
+        "--quick", action="store_true", help="leave out what takes a second and more"
+    )
     parser.add_argument("--only-c", action="store_true", help="no pytest")
     parser.add_argument("paths", nargs="*", default=["tests"], help="for pytest (tests)")
     args = parser.parse_args()
