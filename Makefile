@@ -42,7 +42,7 @@ TEST_NAMES := $(notdir $(TEST_C:.c=))
 # Of what is there for comparison only: built with rivals.
 RIVAL_TESTS := test_rivals test_extent test_extent_zones
 TEST_HELPERS := $(filter-out $(TEST_C),$(wildcard tests/unit/*.c tests/property/*.c))
-IMAGE_HELPERS := $(filter-out %/servo_rig.c,$(TEST_HELPERS))
+IMAGE_HELPERS := $(filter-out $(addprefix %/,servo_rig.c servo_loop.c bus_rig.c control_bench.c),$(TEST_HELPERS))
 FUZZ_C := $(wildcard tests/fuzz/fuzz_*.c)
 PAGE := $(filter-out %.py %.md,$(wildcard host/crease/draw/view/*.*))
 CORTEX_C := $(wildcard firmware/port/cortex-m7/*.[ch] tests/device/*.[ch] tests/check/*.h)

@@ -11,7 +11,7 @@
 #define STILL_M_S 1e-3f
 /* The passivity controller spreads its work over so many periods. All at once, as [7] has it, it multiplies the noise of the
  * speed by its largest damping. A mass that a wall of 3000 N/m throws back with 1.057 of its speed comes back with 1.034
- * (test_control). */
+ * (test_control_force). */
 #define DISSIPATE_PERIODS 10.0f
 #define TINY_N 1e-6f
 

@@ -16,9 +16,9 @@
  *          slope over it. Long and quiet when slow or steady, short and quick when the motion bends.
  * Why      One count in one period is 60 mm/s on the guide: the plain difference is useless for damping, and a fixed
  *          low-pass of equal noise lags always, this one only at constant speed, where lag costs nothing.
- * Measured (60 um steps, 1 kHz, window 16; tests/unit/test_control.c): noise 1.9, 0.5, 0.8, 0.5 mm/s RMS at 1, 5, 20, 100 mm/s;
- *          lag 6.3 ms in 50 mm at 1 Hz, 4.3 ms in 5 mm at 5 Hz, 2.8 ms in 1 mm at 20 Hz. A first-order low-pass of the difference
- *          with 4 ms lag has 2.7, 4.1, 4.2, 4.3 mm/s; with this noise it lags 8 to 16 ms.
+ * Measured (60 um steps, 1 kHz, window 16; tests/unit/test_control_velocity.c): noise 1.9, 0.5, 0.8, 0.5 mm/s RMS at 1, 5, 20,
+ *          100 mm/s; lag 6.3 ms in 50 mm at 1 Hz, 4.3 ms in 5 mm at 5 Hz, 2.8 ms in 1 mm at 20 Hz. A first-order low-pass of the
+ *          difference with 4 ms lag has 2.7, 4.1, 4.2, 4.3 mm/s; with this noise it lags 8 to 16 ms.
  * Source   Janabi-Sharifi, Hayward, Chen 2000. */
 typedef struct {
     int32_t counts[CR_WINDOW_MAX + 1]; /* ring */
