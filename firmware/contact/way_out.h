@@ -1,7 +1,7 @@
 /* The way out: a contact pushes with the shortest translation that leads out of the obstacle. WAY_OUT.md has the idea, what holds and what
  * does not yet.
  *
- *     detect, gather -> zones -> relate -> half-spaces -> depth_along -> resolve -> contacts
+ *     detect, gather -> zones -> relate -> half-spaces -> measure, depth_along -> resolve -> contacts
  *
  * Everything between gather and resolve is in the tool frame. Units m; a force divided by the stiffness is a length. */
 #ifndef CR_WAY_OUT_H
@@ -195,6 +195,45 @@ typedef struct {
         cr_way_along along;     /* and after */
     };
 } cr_way_work;
+
+/* Cosine of normal and plane up to which the exit through the plane is not trusted at all: it is looked for along the normal. */
+#define CR_WAY_STEEP_MIN 0.3f
+/* A way that is longer than another by less than this is as long, m: on a face that lies flat no sample is looked at twice. */
+#define CR_WAY_SLACK_M 1e-7f
+
+/* What is measured, and where to. */
+typedef struct {
+    const cr_respond_input *in;
+    const cr_way_zones *zones;
+    const cr_way_relations *relations;
+    cr_way_half *half;
+    cr_way_scratch *scratch;
+    cr_way_work *work;
+    uint32_t lookups_max;
+} cr_way_survey;
+
+/* Planes that are known at the lanes of a cluster. */
+typedef struct {
+    uint32_t facet;
+    int curved;            /* 1: the normal is each lane's own */
+    cr_vec3 normal;        /* tool frame */
+    const float *height_m; /* [CR_LANES] */
+} cr_way_known;
+
+/* Lanes of a cluster and the planes there: the first is the one they are inside of. Far from any surface none is known; the first has the distance
+ * then, and no normal. */
+typedef struct {
+    const struct cr_img_cluster *c;
+    uint32_t lanes;
+    uint32_t count;
+    cr_way_known planes[CR_KIND_FACETS_MAX];
+    const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
+    float deep_m[CR_LANES];  /* how deep each piece reaches below the first at most; endless where none is known */
+} cr_way_spots;
+
+/* Purpose  lanes over a surface, or a side of it, count for the half-spaces of their zones, each by its part.
+ * Shapes   part[CR_LANES].   Output  depth_m of the half-spaces; at->deep_m; what it costs in work->spent. */
+void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part);
 
 /* Purpose  begin an answer: which zones have one way out. */
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work);

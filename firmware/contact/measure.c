@@ -1,0 +1,288 @@
+/* measure: hit by hit the surfaces that the lanes are over, for depth_along to count; over as many ticks as the work takes. WAY_OUT.md "Depth". */
+#include "contact/way_out.h"
+
+/* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
+#define SIDE_FULL 0.25f
+
+/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of a zone that joins others, a pair of them in so
+ * many; of pairs of half-spaces. */
+#define WORK_OF_HIT 2u
+#define WORK_OF_LOOKUP 4u
+#define ZONES_OF_WORK 16u
+#define PAIRS_OF_WORK 64u
+
+/* Not filled with zeros: there is one for each plane of each hit. */
+static void set_spots(cr_way_spots *at, const struct cr_img_cluster *c, uint32_t lanes, uint32_t count) {
+    at->c = c;
+    at->lanes = lanes;
+    at->count = count;
+    at->normal = NULL;
+}
+
+static const float whole[CR_LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f,
+                                      1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
+
+/* Lanes where the static object is convex, bounded by planes: each is inside of the nearest, and knows the others. */
+static void over_solid(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
+                       const cr_heights *h) {
+    for (uint32_t top = 0; top < p->count; top++) {
+        cr_way_spots at;
+        set_spots(&at, c, lanes & h->highest[top], p->count);
+        for (uint32_t k = 0; k < p->count; k++) {
+            const uint32_t to = k == top ? 0u : k == 0u ? top : k;
+            at.planes[to] = (cr_way_known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
+        }
+        if (at.lanes != 0u) {
+            cr_way_count(s, &at, p->facet[top], 0u, whole);
+        }
+    }
+}
+
+/* Lanes behind walls that meet concavely: each wall on its own, as far as the piece reaches behind it. */
+static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
+                         const cr_heights *h) {
+    float height_m[CR_LANES] = {0.0f};
+    for (uint32_t k = 0; k < p->count; k++) {
+        cr_way_spots at;
+        set_spots(&at, c, 0u, 1u);
+        for (int i = 0; i < CR_LANES; i++) {
+            height_m[i] = -h->height_m[k][i];
+            at.lanes |= (uint32_t)(height_m[i] < c->ramp[i]) << i;
+        }
+        at.lanes &= lanes;
+        at.planes[0] = (cr_way_known){p->facet[k], 0, v3_scale(p->normal_tool[k], -1.0f), height_m};
+        if (at.lanes != 0u) {
+            cr_way_count(s, &at, p->facet[k], 0u, whole);
+        }
+    }
+}
+
+static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *all) {
+    cr_heights *h = &s->scratch->heights;
+    cr_planes *one = &s->scratch->alone;
+    const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, one);
+    cr_planes_measure(p, c, h);
+    if (p->sign < 0.0f) {
+        behind_walls(s, c, lanes, p, h);
+    } else {
+        over_solid(s, c, lanes, p, h);
+    }
+}
+
+/* Lanes over a curved surface, each by its own plane, for the sides that their normals have a part of. */
+static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, const cr_lookup *look,
+                        const float *height_m, const float *share) {
+    float part[CR_LANES];
+    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), height_m};
+    for (uint32_t side = 0; side < CR_WAY_SIDES; side++) {
+        uint32_t on = 0u;
+        for (int i = 0; i < CR_LANES; i++) {
+            const float its = share[i] * cr_way_share(v3(look->gx[i], look->gy[i], look->gz[i]), side);
+            part[i] = lower_f(1.0f, its / SIDE_FULL);
+            on |= (uint32_t)(its > 0.0f) << i;
+        }
+        cr_way_spots some;
+        set_spots(&some, at->c, at->lanes & on, 1u);
+        some.normal = at->normal;
+        some.planes[0] = at->planes[0];
+        if (some.lanes != 0u) {
+            cr_way_count(s, &some, surface, side, part);
+        }
+    }
+}
+
+/* Lanes over a facet that is not curved. */
+static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, const float *share) {
+    float height_m[CR_LANES], part[CR_LANES];
+    const cr_vec3 n = cr_way_heights(s->in->field->scene, s->in->world_from_tool, at->c, index, height_m);
+    for (int i = 0; i < CR_LANES; i++) {
+        part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
+    }
+    at->planes[0] = (cr_way_known){index, 0, n, height_m};
+    cr_way_count(s, at, index, 0u, part);
+}
+
+/* Lanes that were looked up, on one surface, by their share. */
+static void over_surface(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface,
+                         const cr_lookup *look, const cr_lanes3 *normal, const float *share) {
+    cr_way_spots at;
+    set_spots(&at, c, lanes, 1u);
+    at.normal = normal;
+    if (surface < CR_WAY_CURVED) {
+        over_flat(s, &at, surface, share);
+    } else {
+        over_curved(s, &at, surface, look, look->phi_m, share);
+    }
+}
+
+static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share) {
+    uint32_t k = 0u;
+    while (k < out->count && out->surface[k] != surface) {
+        k++;
+    }
+    if (k == CR_WAY_LAYERS_MAX || !(share > 0.0f)) {
+        return;
+    }
+    if (k == out->count) {
+        out->count++;
+        out->surface[k] = surface;
+        out->lanes[k] = 0u;
+        for (int j = 0; j < CR_LANES; j++) {
+            out->share[k][j] = 0.0f;
+        }
+    }
+    out->lanes[k] |= 1u << i;
+    out->share[k][i] += share;
+}
+
+/* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
+static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes,
+                         const cr_lookup *look) {
+    const cr_vec3 none = {0.0f, 0.0f, 0.0f};
+    cr_way_spots at;
+    set_spots(&at, c, lanes, 0u);
+    at.planes[0] = (cr_way_known){CR_FACET_NONE, 0, none, look->phi_m};
+    cr_way_count(s, &at, CR_WAY_NONE, 0u, whole);
+}
+
+/* Lanes in cells whose distances are not from planes. */
+static void over_cells(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
+                       const cr_lanes3 *world, const cr_lanes3 *normal) {
+    const cr_field *f = s->in->field;
+    uint32_t far = 0u;
+    cr_way_shares *on = &s->scratch->shares;
+    on->count = 0u;
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        cr_way_facets its;
+        if ((look->entry[i] & CR_TOP_FAR) != 0u) {
+            far |= 1u << i;
+            continue;
+        }
+        cr_way_facets_of(f, look, i, lane_of(world, i), &its);
+        if (its.count == 0u) {
+            share_lane(on, CR_WAY_DEEP, i, 1.0f);
+        }
+        for (uint32_t k = 0; k < its.count; k++) {
+            const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
+            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
+        }
+    }
+    if (far != 0u) {
+        over_nothing(s, c, far, look);
+    }
+    for (uint32_t k = 0; k < on->count; k++) {
+        over_surface(s, c, on->lanes[k], on->surface[k], look, normal, on->share[k]);
+    }
+}
+
+static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
+                      const cr_lanes3 *world, cr_planes *cell) {
+    cr_lanes3 *normal = &s->scratch->normal;
+    const uint32_t surface = cr_way_common(s->in->field, look, lanes);
+    cr_way_normals(s->in->world_from_tool, look, normal);
+    if (surface != CR_WAY_NONE) {
+        over_surface(s, c, lanes, surface, look, normal, whole);
+        return;
+    }
+    over_cells(s, c, lanes & ~look->on_planes, look, world, normal);
+    lanes &= look->on_planes;
+    while (lanes != 0u) {
+        const uint32_t same = cr_way_same_cell(look, lanes);
+        uint32_t first = same;
+        const int i = take_lane(&first);
+        lanes &= ~same;
+        if (cell->kind != look->kind[i]) {
+            cr_planes_turn(s->in->field->scene, s->in->world_from_tool, look->kind[i], cell);
+        }
+        over_planes(s, c, same, cell);
+    }
+}
+
+/* Returns whether all of it is done. */
+static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
+    const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
+    const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
+    cr_lanes3 *world = &s->scratch->world;
+    cr_lookup *look = &s->scratch->look;
+    s->work->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;
+    s->work->begun = s->work->done;
+    s->work->seen = 0u;
+    if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
+        over_planes(s, c, lanes, planes);
+    } else {
+        looked_up(s, c, lanes, look, world, cell);
+    }
+    return s->work->seen == s->work->done;
+}
+
+/* Half-spaces that the samples of a hit may count for. */
+static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
+    const cr_way_relations *r = s->relations;
+    uint32_t halves = 0u;
+    for (uint32_t left = reach->zones; left != 0u;) {
+        const uint32_t z = (uint32_t)take_lane(&left);
+        halves |= 1u << r->half_of[z];
+        for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
+            halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
+        }
+    }
+    return halves;
+}
+
+/* May a hit be deeper than what is known? It is no deeper than its bound below a plane that it is inside of; the way through that is longer by the cosine. */
+static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
+    for (uint32_t left = halves_of(s, reach); left != 0u;) {
+        const cr_way_half *half = &s->half[take_lane(&left)];
+        const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
+        if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the step is done. */
+static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes, cr_planes *cell) {
+    const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
+    uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
+    if ((*measured & bit) == 0u && may_be_deeper(s, &s->zones->reach[hit]) &&
+        !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
+        return 0;
+    }
+    *measured |= bit;
+    s->work->done = 0u;
+    return 1;
+}
+
+void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
+    cr_way_relate(in->field->scene, &in->set->way, &work->relations);
+    work->next = work->done = 0u;
+    work->spent = in->set->way.count;
+    for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
+        work->measured[i] = 0u;
+    }
+}
+
+int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max) {
+    const cr_way_zones *zones = &in->set->way;
+    const cr_way_survey s = {in, zones, &work->relations, work->half, &work->scratch, work, lookups_max};
+    const uint32_t steps = 2u * zones->count + in->set->hit_count;
+    cr_planes planes, cell;
+    planes.kind = cell.kind = 0u;
+    while (work->next < steps && work->spent < lookups_max) {
+        const uint32_t step = work->next;
+        if (step >= zones->count) {
+            work->next += (uint32_t)measure_step(&s, step - zones->count, &planes, &cell);
+            continue;
+        }
+        work->next++;
+        cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
+        work->spent += 1u + zones->count * zones->count / ZONES_OF_WORK;
+        if (step + 1u == zones->count) {
+            cr_way_agree(&work->relations, work->half);
+            work->spent += work->relations.half_count * work->relations.half_count / PAIRS_OF_WORK;
+        }
+    }
+    return work->next == steps;
+}
