@@ -1,6 +1,7 @@
-"""Rules on the shape of the firmware that no compiler warning covers: fails on the first list of breaches.
+"""Rules on the shape of the sources that no compiler warning covers: fails on the first list of breaches.
 
-No recursion, over all files together; no call through a pointer; no array of variable length; no function pointer.
+Firmware: no recursion, over all files together; no call through a pointer; no array of variable length; no function
+pointer. Every room, tests too: no file of more than 600 lines.
 
     structure.py COMPILER OPTION... -- FILE.c...
 """
@@ -13,6 +14,10 @@ import sys
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+
+LINES_MAX = 600
+ROOMS = ("firmware", "host", "meshes", "sim", "tests")
+SUFFIXES = {".c", ".cpp", ".css", ".h", ".html", ".js", ".py"}
 
 INDIRECT = "__indirect_call"
 STACKS_ALLOWED = {"static", "dynamic,bounded"}
@@ -94,10 +99,25 @@ def find_breaches(compiler: list[str], sources: list[Path]) -> list[str]:
     return breaches
 
 
+def find_long(root: Path) -> list[str]:
+    """One line for each source file under `root` that is too long."""
+    breaches = []
+    for room in ROOMS:
+        for file in sorted((root / room).rglob("*")):
+            if file.suffix in SUFFIXES and file.is_file():
+                lines = file.read_bytes().count(b"\n")
+                if lines > LINES_MAX:
+                    breaches.append(
+                        f"{file}: {lines} lines, more than {LINES_MAX}: split it by subject"
+                    )
+    return breaches
+
+
 def main(arguments: list[str]) -> int:
     """Command line: see above."""
     at = arguments.index("--")
     breaches = find_breaches(arguments[:at], [Path(name) for name in arguments[at + 1 :]])
+    breaches += find_long(Path())
     print("\n".join(breaches) if breaches else "structure: sound")
     return 1 if breaches else 0
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import rooms
-from structure import find_breaches
+from structure import LINES_MAX, ROOMS, find_breaches, find_long
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,19 @@ def test_structure_reads_the_headers_above_a_room(tmp_path: Path) -> None:
     source = tmp_path / "contact/one.c"
     source.write_text("int one(int n) { return n; }", encoding="ascii")
     assert find_breaches(["gcc"], [source]) == [f"{tmp_path}/public.h: function pointer callback"]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("name", ["one.c", "one.h", "one.py", "page/one.js"])
+def test_a_file_over_its_length_is_found_in_every_room(
+    room: str, name: str, tmp_path: Path
+) -> None:
+    file = tmp_path / room / "part" / name
+    file.parent.mkdir(parents=True)
+    file.write_text("\n" * LINES_MAX, encoding="ascii")
+    assert find_long(tmp_path) == []
+    file.write_text("\n" * (LINES_MAX + 1), encoding="ascii")
+    assert find_long(tmp_path) == [f"{file}: 601 lines, more than 600: split it by subject"]
 
 
 ROOT = Path(__file__).resolve().parents[2]
