@@ -1,8 +1,8 @@
 /* crease: contact of a rigid tool with a rigid mock-up, one wrench per tick. The one public header.
  *
- * Flow     image -> cr_scene_open -> cr_world_init -> cr_tick, cr_tick, ...
+ * Flow     image -> cr_scene_open -> cr_world_init -> cr_tick, cr_tick, ...; or cr_feel in a timer's interrupt over cr_search in the main loop
  * Memory   the caller's: the image (read-only, must outlive the scene), the world (cr_world_size bytes). No heap.
- * Threads  a scene may be shared by any number of worlds; a world belongs to one thread at a time.
+ * Threads  a scene may be shared by any number of worlds; a world belongs to one thread at a time, but for cr_search and cr_feel, which may be in two.
  * Time     an argument. No clock, no I/O, no globals: cr_tick is a pure function of (scene, world, pose, period).
  * Units    SI: m, N, s, rad, kg. Frames: "world" is the static object's frame, "tool" the tool mesh's frame;
  *          world_from_tool maps tool coordinates to world coordinates.
@@ -208,10 +208,11 @@ size_t cr_world_size(const cr_scene *scene, const cr_config *config);
  * Output   *world points into memory.   Errors  NULL, ALIGN, SIZE, CONFIG. */
 cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr_scene *scene, const cr_config *config);
 
-/* Purpose  change settings between ticks; state is kept, a search for contact begins anew.   Errors  CONFIG: nothing changed. */
+/* Purpose  change settings between ticks, and not while cr_search runs; state is kept, a search for contact begins anew.
+ * Errors   CONFIG: nothing changed. */
 cr_err cr_world_configure(cr_world *world, const cr_config *config);
 
-/* Purpose  forget motion history (next tick has zero velocity) and clear latched faults. */
+/* Purpose  forget motion history (next tick has zero velocity) and the contact in hand, and clear latched faults. By who ticks or feels. */
 void cr_world_clear_fault(cr_world *world);
 
 /* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
@@ -221,6 +222,18 @@ void cr_world_clear_fault(cr_world *world);
  * Errors   none: see faults and stats.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
+
+/* Purpose  the tick in two parts, each at its own rate: this one looks for contact at the newest pose that was felt, one slice a call.
+ * Units    work: in lookups of 16 points, as cr_config.lookups_max, which is not asked here.
+ * Threads  one at a time; it may be interrupted by cr_feel at any place, or run beside it. Neither waits for the other. A world is driven by cr_tick or by
+ *          these two; cr_world_clear_fault stands between when they change.
+ * Output   work done; 0: the newest pose has its answer, wait for another.   Cost  as cr_tick. */
+uint32_t cr_search(cr_world *world, uint32_t work);
+
+/* Purpose  the other part: the wrench at a pose, of the newest contact that cr_search found; as cr_tick otherwise.
+ * Output   as a tick that answers late: stats.late_ticks counts feels, areas have no zones, stats tell nothing of the search.
+ * Cost     whatever the scene, whatever is searched: README.md. */
+void cr_feel(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
 
 #ifdef __cplusplus
 }

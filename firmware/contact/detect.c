@@ -53,7 +53,7 @@ typedef struct {
     const xform *pose;
     const cr_detect_options *options;
     cr_motion *motion;
-    cr_search *search;
+    cr_descent *search;
     cr_contact_set *set;
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
@@ -306,7 +306,7 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
 
 /* Look the leaf spheres up that wait. */
 static void look_up_waiting(walk *w) {
-    cr_search *s = w->search;
+    cr_descent *s = w->search;
     const uint32_t count = s->waiting;
     cr_batch *b = &s->batch;
     for (uint32_t i = 0; i < CR_LANES; i++) {
@@ -326,7 +326,7 @@ static void look_up_waiting(walk *w) {
 
 /* One of the leaf spheres that were looked up, in cluster order. */
 static void visit_next(walk *w) {
-    cr_search *s = w->search;
+    cr_descent *s = w->search;
     const int lane = (int)s->visited++;
     visit_cluster(w, s->slot[lane], &s->batch, lane);
     if (s->visited == s->looked_up) {
@@ -369,7 +369,7 @@ static void enter_group(walk *w, uint32_t group) {
 
 /* Into the next child of the group in hand; a leaf sphere waits until 16 of them are looked up together. */
 static void descend(walk *w) {
-    cr_search *s = w->search;
+    cr_descent *s = w->search;
     cr_search_level *level = &s->stack[s->depth - 1u];
     if (level->lanes == 0u) {
         s->depth--;
@@ -386,7 +386,7 @@ static void descend(walk *w) {
 
 /* Go on until nothing is left, or the work of a tick is done. Returns whether nothing is left. */
 static int walk_on(walk *w) {
-    cr_search *s = w->search;
+    cr_descent *s = w->search;
     while (s->spent < w->options->lookups_max) {
         if (s->looked_up > 0u) {
             visit_next(w);
@@ -428,7 +428,7 @@ static int tool_is_free(walk *w) {
 
 /* The pose of this search has become too old: what was not seen is left out. */
 static void give_up(walk *w) {
-    cr_search *s = w->search;
+    cr_descent *s = w->search;
     w->stats->clusters_dropped += s->waiting - s->visited;
     for (uint32_t i = 0; i < s->depth; i++) {
         w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
@@ -437,7 +437,7 @@ static void give_up(walk *w) {
 }
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
-              cr_search *search, cr_contact_set *set, cr_stats *stats) {
+              cr_descent *search, cr_contact_set *set, cr_stats *stats) {
     cr_planes planes;
     walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, &planes, 0.0f};
     float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
@@ -463,7 +463,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
     }
     search->open = !walk_on(&w);
     search->calls++;
-    if (search->open && search->calls >= CR_SEARCH_TICKS_MAX) {
+    if (search->open && search->calls >= options->slices_max) {
         give_up(&w);
         search->open = 0u;
     }

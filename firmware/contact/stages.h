@@ -265,6 +265,7 @@ typedef struct {
     uint32_t skip;        /* CR_SKIP_* */
     uint32_t coverage;    /* cr_coverage */
     uint32_t lookups_max; /* work of one call: lookups of 16 points, and one for each cluster in contact */
+    uint32_t slices_max;  /* calls that a search may take: what was not seen by then is left out, and counted */
 #ifdef CR_RIVALS
     uint32_t touches; /* 1: what is touched, for a response of rivals/, and no zones */
 #endif
@@ -293,18 +294,18 @@ typedef struct {
     uint32_t looked_up;      /* 0, or as many as wait: they are in the batch */
     uint32_t visited;        /* of these, those that were looked at */
     cr_batch batch;
-} cr_search;
+} cr_descent;
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
 void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
 /* Purpose  the clusters of the shell that reach into the static object, in ascending order, and the zones they are inside of.
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
- *          again with the same pose and the same motion until it is 1, at most CR_SEARCH_TICKS_MAX times.
+ *          again with the same pose and the same motion until it is 1, at most options->slices_max times.
  * Errors   none: capacities are counted in stats.
  * Cost     search->spent, at most one more than options->lookups_max.   Source  DESIGN.md "Detect" [2][3]. */
 int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
-              cr_search *search, cr_contact_set *set, cr_stats *stats);
+              cr_descent *search, cr_contact_set *set, cr_stats *stats);
 
 /* What the answer may look at. */
 typedef struct {

@@ -191,8 +191,9 @@ typedef struct {
     float depth_m[CR_WAY_ZONES_MAX], push_m[CR_WAY_ZONES_MAX];
     uint32_t area[CR_WAY_ZONES_MAX]; /* and their contacts, or CR_HIT_NONE */
     union {
-        cr_way_scratch scratch; /* while it is measured, */
-        cr_way_along along;     /* and after */
+        cr_way_scratch scratch;      /* while it is measured, */
+        cr_way_along along;          /* and after; */
+        cr_area areas[CR_AREAS_MAX]; /* what is answered, where nobody asks for more than the pushes */
     };
 } cr_way_work;
 

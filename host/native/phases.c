@@ -16,7 +16,7 @@ static uint64_t now_ns(void) {
 typedef struct {
     cr_field field;
     cr_motion motion;
-    cr_search search;
+    cr_descent search;
     cr_contact_set set;
     cr_way_work work;
     cr_area answers[CR_AREAS_MAX];
@@ -37,8 +37,10 @@ static cr_pose pose_of(const cr_path_row *row) {
 static uint32_t since(uint64_t start_ns) { return (uint32_t)(now_ns() - start_ns); }
 
 static void time_pose(bench *b, const cr_config *config, const cr_pose *pose, cr_phases_row *row) {
-    const cr_detect_options options = {
-        .skip = config->skip, .coverage = config->coverage, .lookups_max = config->lookups_max};
+    const cr_detect_options options = {.skip = config->skip,
+                                       .coverage = config->coverage,
+                                       .lookups_max = config->lookups_max,
+                                       .slices_max = CR_SEARCH_TICKS_MAX};
     const xform now = xform_from_pose(pose);
     cr_respond_input in = {.field = &b->field, .world_from_tool = &now, .set = &b->set, .config = config};
     memset(&b->stats, 0, sizeof b->stats);

@@ -58,11 +58,15 @@ void crt_close(crt_rig *rig) {
 #ifdef CR_RIVALS
 void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint32_t coverage, cr_contact_set *set,
                     cr_area_set *areas, cr_stats *stats) {
-    const cr_detect_options options = {.skip = skip, .coverage = coverage, .lookups_max = UINT32_MAX, .touches = 1u};
+    const cr_detect_options options = {.skip = skip,
+                                       .coverage = coverage,
+                                       .lookups_max = UINT32_MAX,
+                                       .slices_max = CR_SEARCH_TICKS_MAX,
+                                       .touches = 1u};
     const xform at = xform_from_pose(pose);
     const uint32_t clusters = rig->scene.cluster_count;
     uint16_t *hit_of_cluster = malloc(clusters * sizeof *hit_of_cluster);
-    cr_search search;
+    cr_descent search;
     cr_motion motion;
     memset(&search, 0, sizeof search);
     memset(&motion, 0, sizeof motion);

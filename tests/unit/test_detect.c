@@ -18,7 +18,7 @@ static cr_contact_set sets[2];
 /* One detection with its own odometers. */
 typedef struct {
     cr_motion motion;
-    cr_search search;
+    cr_descent search;
     cr_detect_options options;
     cr_stats stats;
     cr_contact_set *set;
@@ -32,6 +32,7 @@ static detector make_detector(const crt_rig *rig, uint32_t skip, uint32_t covera
     d.options.skip = skip;
     d.options.coverage = coverage;
     d.options.lookups_max = UINT32_MAX;
+    d.options.slices_max = CR_SEARCH_TICKS_MAX;
     d.set = set;
     return d;
 }

@@ -350,7 +350,7 @@ static void touches_found_in_pieces_are_the_same_to_the_bit(void **state) {
     crt_solid block = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
     crt_rig rig;
     crt_open_cube(&rig, &block, 8e-3, 0.5e-3, VOXEL_M);
-    cr_search search;
+    cr_descent search;
     cr_motion motion;
     memset(&motion, 0, sizeof motion);
     motion.wake_count = rig.scene.group_count * CR_LANES;
@@ -361,7 +361,8 @@ static void touches_found_in_pieces_are_the_same_to_the_bit(void **state) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
         const xform at = xform_from_pose(&pose);
-        const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = LOOKUPS, .touches = 1u};
+        const cr_detect_options options = {
+            .skip = CR_SKIP_ALL, .lookups_max = LOOKUPS, .slices_max = CR_SEARCH_TICKS_MAX, .touches = 1u};
         crt_find_areas(&rig, &pose, CR_SKIP_ALL, CR_COVERAGE_SOFT, &set, &areas, &stats);
         memset(&search, 0, sizeof search);
         cr_motion_advance(&motion, &pose);

@@ -64,8 +64,8 @@ static cr_pose pressed(double depth_m) { return crt_pose(0.0, 0.0, HALF_M - dept
 /* Searches at a pose, in as many calls as it takes, with so many lookups in each. Returns how many it took. */
 static uint32_t gather_in_calls(cr_motion *motion, const cr_pose *pose, uint32_t lookups, cr_contact_set *set) {
     const xform at = xform_from_pose(pose);
-    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = lookups};
-    cr_search search;
+    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = lookups, .slices_max = CR_SEARCH_TICKS_MAX};
+    cr_descent search;
     cr_stats stats;
     memset(&search, 0, sizeof search);
     memset(&stats, 0, sizeof stats);
@@ -166,8 +166,9 @@ static void what_a_search_cannot_see_in_its_time_is_left_out(void **state) {
     motion.wake_m = calloc(motion.wake_count, sizeof(float));
     const cr_pose pose = crt_pose(0.0, 0.0, 0.5e-3);
     const xform at = xform_from_pose(&pose);
-    const cr_detect_options all = {.lookups_max = UINT32_MAX}, few = {.lookups_max = LOOKUPS};
-    cr_search search;
+    const cr_detect_options all = {.lookups_max = UINT32_MAX, .slices_max = CR_SEARCH_TICKS_MAX},
+                            few = {.lookups_max = LOOKUPS, .slices_max = CR_SEARCH_TICKS_MAX};
+    cr_descent search;
     cr_stats stats;
     memset(&search, 0, sizeof search);
     memset(&stats, 0, sizeof stats);

@@ -1,0 +1,234 @@
+/* feel: the contact in hand at a pose -> wrench, and a pose for the eye. */
+#include "contact/world.h"
+
+#define POSITION_MAX_M 1e4f
+#define QUATERNION_TOLERANCE 0.01f
+/* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
+#define DISPLAY_SWEEPS 16
+
+/* Normalised copy of the pose, or a fault. */
+static uint32_t check_pose(const cr_pose *in, cr_pose *out) {
+    cr_quat q = in->rot;
+    float n2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
+    float reach = max_f(max_f(abs_f(in->pos_m.x), abs_f(in->pos_m.y)), abs_f(in->pos_m.z));
+    if (!v3_is_finite(in->pos_m) || !(abs_f(n2 - 1.0f) < 2.0f * QUATERNION_TOLERANCE) || !(reach <= POSITION_MAX_M)) {
+        return CR_FAULT_POSE;
+    }
+    float s = 1.0f / sqrtf(n2);
+    out->pos_m = in->pos_m;
+    out->rot.w = q.w * s;
+    out->rot.x = q.x * s;
+    out->rot.y = q.y * s;
+    out->rot.z = q.z * s;
+    return 0u;
+}
+
+static void clear_output(cr_output *out) {
+    static const cr_stats no_stats = {0};
+    out->force_world_N = out->torque_world_Nm = out->normal_world = v3(0.0f, 0.0f, 0.0f);
+    out->depth_m = 0.0f;
+    out->area_count = out->zone_count = 0u;
+    out->stats = no_stats;
+}
+
+/* Shorter periods are no clock's: velocities stay finite for any two poses that are allowed. */
+#define PERIOD_MIN_S 1e-9f
+
+/* Velocity of the tool's material point at p, from the last pose to this one. */
+static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world, float period_s) {
+    if (!w->has_previous) {
+        return v3(0.0f, 0.0f, 0.0f);
+    }
+    xform before = xform_from_pose(&w->previous);
+    cr_vec3 p_tool = xform_unrotate(now, v3_sub(p_world, now->t));
+    return v3_scale(v3_sub(p_world, xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
+}
+
+/* Spring and damper along the area normal; it pushes or does nothing. */
+static void push(const cr_world *w, const xform *now, float period_s, cr_area *area) {
+    float force = w->config.stiffness_N_m * area->depth_m;
+    if (w->config.damping_Ns_m > 0.0f) {
+        cr_vec3 v = velocity_at(w, now, area->point_world_m, period_s);
+        force -= w->config.damping_Ns_m * v3_dot(v, area->normal_world);
+    }
+    area->force_world_N = v3_scale(area->normal_world, max_f(0.0f, force));
+}
+
+/* Do areas that push one way share what is deep there? Those of rivals/ each know it whole. */
+static int areas_share(const cr_config *config) {
+#ifdef CR_RIVALS
+    return config->response == CR_RESPONSE_WAY_OUT;
+#else
+    (void)config;
+    return 1;
+#endif
+}
+
+/* How deep each area is along its normal: by what it pushes, and by what those on its side push along it. */
+static void find_depths(const cr_config *config, const cr_output *out, float *depth_m) {
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        depth_m[i] = 0.0f;
+        for (uint32_t j = 0; j < out->area_count; j++) {
+            const cr_area *a = &out->areas[j];
+            const float along = max_f(0.0f, v3_dot(out->areas[i].normal_world, a->normal_world));
+            depth_m[i] += i == j || areas_share(config) ? a->depth_m * along : 0.0f;
+        }
+    }
+}
+
+static void sum_wrench(const cr_config *config, cr_vec3 origin, const float *depth_m, cr_output *out) {
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        const cr_area *a = &out->areas[i];
+        cr_vec3 arm = v3_sub(a->point_world_m, origin);
+        out->force_world_N = v3_add(out->force_world_N, a->force_world_N);
+        out->torque_world_Nm = v3_add(out->torque_world_Nm, v3_cross(arm, a->force_world_N));
+        out->zone_count += a->zone_count;
+        if (depth_m[i] > out->depth_m) {
+            out->depth_m = depth_m[i];
+            out->normal_world = a->normal_world;
+        }
+    }
+    float norm = v3_norm(out->force_world_N);
+    if (norm > config->force_max_N) {
+        float scale = config->force_max_N / norm;
+        out->force_world_N = v3_scale(out->force_world_N, scale);
+        out->torque_world_Nm = v3_scale(out->torque_world_Nm, scale);
+        out->stats.force_limited = 1u;
+    }
+}
+
+/* Smallest shift that satisfies every contact plane, by relaxation over the areas. */
+static cr_vec3 display_shift(const cr_output *out, const float *depth_m) {
+    cr_vec3 u = v3(0.0f, 0.0f, 0.0f);
+    for (int sweep = 0; sweep < DISPLAY_SWEEPS; sweep++) {
+        float worst = 0.0f;
+        for (uint32_t i = 0; i < out->area_count; i++) {
+            const cr_area *a = &out->areas[i];
+            float lack = depth_m[i] - v3_dot(u, a->normal_world);
+            if (lack > 0.0f) {
+                u = v3_mad(u, a->normal_world, lack);
+                worst = max_f(worst, lack);
+            }
+        }
+        if (worst <= 1e-7f) {
+            break;
+        }
+    }
+    return u;
+}
+
+/* Not a number anywhere in the answer: nothing is felt, nothing is moved for the eye, and it stays so. */
+static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
+    if (v3_is_finite(out->force_world_N) && v3_is_finite(out->torque_world_Nm) && is_finite_f(out->depth_m) &&
+        v3_is_finite(out->display_pose.pos_m)) {
+        return;
+    }
+    out->force_world_N = out->torque_world_Nm = out->normal_world = v3(0.0f, 0.0f, 0.0f);
+    out->depth_m = 0.0f;
+    out->display_pose.pos_m = pos_m;
+    out->area_count = out->zone_count = 0u;
+    w->faults |= CR_FAULT_NUMBER;
+    out->faults = w->faults;
+}
+
+/* Contact found for poses before this one is not this one's. */
+static void forget_contact(cr_world *w) {
+    w->felt.memory++;
+    w->hand.count = 0u;
+    w->hand.at = w->felt;
+}
+
+void cr_world_clear_fault(cr_world *world) {
+    world->faults = 0u;
+    world->has_previous = 0u;
+    forget_contact(world);
+#ifdef CR_RIVALS
+    world->proxy.held = 0u;
+#endif
+}
+
+/* The areas in hand, at the pose they are true for. */
+static void list_hand(const cr_hand *hand, cr_output *out) {
+    out->area_count = hand->count;
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        const cr_held *h = &hand->held[i];
+        cr_area *a = &out->areas[i];
+        a->normal_world = h->normal_world;
+        a->point_world_m = h->point_world_m;
+        a->depth_m = h->depth_m;
+        a->offset_m = h->offset_m;
+        a->area_m2 = h->area_m2;
+        a->zone_count = 0u;
+    }
+}
+
+/* Areas of an earlier pose as they are felt at this one: the plane stays where it is, the point moves with the tool. What has come out of its plane is
+ * no area of this tick; the next one may be in it again. */
+static void carry(const cr_pose *from, const xform *now, cr_output *out) {
+    const xform then = xform_from_pose(from);
+    uint32_t kept = 0u;
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        cr_area *a = &out->areas[i];
+        cr_vec3 p_tool = xform_unrotate(&then, v3_sub(a->point_world_m, then.t));
+        cr_vec3 p = xform_point(now, p_tool);
+        const float depth_m = a->depth_m - v3_dot(a->normal_world, v3_sub(p, a->point_world_m));
+        if (depth_m <= 0.0f) {
+            continue;
+        }
+        a->depth_m = depth_m; /* not a number too: a fault */
+        a->point_world_m = p;
+        if (kept != i) {
+            out->areas[kept] = *a;
+        }
+        kept++;
+    }
+    out->area_count = kept;
+}
+
+static void push_all(cr_world *w, const xform *now, float period_s, cr_output *out) {
+    float depth_m[CR_AREAS_MAX];
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        push(w, now, period_s, &out->areas[i]);
+    }
+    find_depths(&w->config, out, depth_m);
+    sum_wrench(&w->config, now->t, depth_m, out);
+    cr_vec3 pos_m = out->display_pose.pos_m;
+    out->display_pose.pos_m = v3_add(pos_m, display_shift(out, depth_m));
+    fault_when_not_finite(w, pos_m, out);
+}
+
+int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
+    cr_pose pose;
+    clear_output(out);
+    w->faults |= check_pose(world_from_tool, &pose);
+    w->faults |= period_s > 0.0f && period_s <= 1.0f ? 0u : (uint32_t)CR_FAULT_PERIOD;
+    out->faults = w->faults;
+    if (w->faults != 0u) {
+        static const cr_pose origin = {{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}};
+        out->display_pose = w->has_previous ? w->previous : origin;
+        forget_contact(w);
+        return 0;
+    }
+    w->felt.stamp++;
+    w->felt.pose = pose;
+    out->display_pose = pose;
+    return 1;
+}
+
+void cr_render(cr_world *w, float period_s, int areas_whole, cr_output *out) {
+    const xform now = xform_from_pose(&w->felt.pose);
+    if (areas_whole) {
+        out->area_count = w->hand.count;
+    } else {
+        list_hand(&w->hand, out);
+    }
+    out->stats.late_ticks = w->felt.stamp - w->hand.at.stamp;
+    if (out->stats.late_ticks > 0u) {
+        carry(&w->hand.at.pose, &now, out);
+    }
+    if (out->area_count > 0u) {
+        push_all(w, &now, period_s, out);
+    }
+    w->previous = w->felt.pose;
+    w->has_previous = 1u;
+}

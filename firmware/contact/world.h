@@ -1,0 +1,85 @@
+/* The state of a world, for the files that share it: world.c makes it, search.c finds contact, feel.c renders it, tick.c does both. */
+#ifndef CR_WORLD_H
+#define CR_WORLD_H
+
+#include "contact/mailbox.h"
+#include "contact/stages.h"
+#include "contact/way_out.h"
+
+/* A pose as it was felt. */
+typedef struct {
+    uint32_t stamp;  /* count of feels */
+    uint32_t memory; /* contact found for another memory is forgotten */
+    cr_pose pose;
+} cr_felt;
+
+/* A half-space that pushes, as it is kept until the next answer. */
+typedef struct {
+    cr_vec3 normal_world, point_world_m;
+    float depth_m, offset_m, area_m2;
+} cr_held;
+
+/* The contact at a pose. */
+typedef struct {
+    cr_felt at;
+    uint32_t count;
+    cr_held held[CR_AREAS_MAX];
+} cr_hand;
+
+#define CR_WORDS_OF(type) ((uint32_t)(sizeof(type) / sizeof(uint32_t)))
+
+struct cr_world {
+    cr_scene scene;
+    cr_field field;
+    cr_config config;
+
+    /* of who feels */
+    cr_felt felt;     /* the last */
+    cr_pose previous; /* the last good one */
+    uint32_t has_previous, faults;
+    cr_hand hand; /* the newest contact */
+
+    /* between them */
+    _Atomic uint32_t poses, hands;
+    _Atomic uint32_t pose_words[2u * CR_WORDS_OF(cr_felt)], hand_words[2u * CR_WORDS_OF(cr_hand)];
+    uint32_t poses_seen, hands_seen;
+
+    /* of who searches */
+    cr_motion motion;
+    cr_descent search;
+    cr_felt wanted;     /* the newest pose, */
+    cr_felt searched;   /* that of the search at hand */
+    uint32_t found;     /* 1: at its end, and not answered yet */
+    uint32_t answering; /* 1: the answer has begun */
+    cr_hand made;       /* the last answer, by cr_descent */
+    cr_contact_set set;
+    cr_way_work way;
+#ifdef CR_RIVALS
+    cr_proxy proxy;
+    uint16_t *hit_of_cluster;
+    cr_area_set areas;
+#endif
+};
+
+/* Work of one slice, and how many an answer may take. */
+typedef struct {
+    uint32_t work, slices_max;
+} cr_slice;
+
+/* Purpose  forget what was searched for. */
+void cr_drop_search(cr_world *w);
+
+/* Purpose  one slice of the search for contact at a pose, which is taken up when no search is open.
+ * Output   1: it ended; hand holds the contact, out of it areas[0..hand->count) with their zones, no force yet. 0: call again.
+ * Shapes   areas[CR_AREAS_MAX].   Cost  stats->work, at most one step more than slice.work. */
+int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, cr_hand *hand, cr_area *areas,
+                    cr_stats *stats);
+
+/* Purpose  check a pose and take it for the next to be felt.   Output  1, or 0 with a fault latched and out of no force. */
+int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out);
+
+/* Purpose  the wrench of the contact in hand at the pose that was accepted.
+ * Shapes   areas_whole: 1 when out->areas hold it already, zones with it. */
+void cr_render(cr_world *w, float period_s, int areas_whole, cr_output *out);
+
+#endif

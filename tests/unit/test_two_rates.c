@@ -1,0 +1,304 @@
+/* cr_search and cr_feel: the letters between them under every interleaving, what is felt whatever their rates, and both in threads of their own. */
+#include <stdint.h>
+static void step(void);
+#define CR_MAILBOX_STEP() step()
+#include "contact/mailbox.h"
+#include "image_builder.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stddef.h>
+#include <string.h>
+#include <ucontext.h>
+
+#include <cmocka.h>
+
+#define VOXEL_M 2e-3
+#define HALF_M 8e-3
+#define PERIOD_S 1e-3f
+#define STIFFNESS_N_M 1000.0f
+/* The distances of the image are rounded to this, and the force with them. */
+#define ROUNDING_N 2e-3f
+
+/* -------------------------------------------------------------------------------------------------------- letters */
+
+#define WORDS 2u
+#define PUTS 3u
+#define TAKES 2u
+#define STACK_BYTES 65536
+#define STEPS_MAX 64u
+
+enum { WRITER, READER, SIDES };
+
+static struct {
+    ucontext_t side[SIDES], here;
+    int active[SIDES]; /* has not come to its end */
+    int running;       /* the side at work, or SIDES */
+    _Atomic uint32_t put, place[2u * WORDS];
+    uint32_t put_whole; /* letters that are there */
+    uint32_t taken, least,
+        disturbed; /* by the reader: the last letter, how old it may be, steps of the writer meanwhile */
+    uint32_t whole_takes, empty_takes, torn;
+} run;
+static uint8_t stacks[SIDES][STACK_BYTES] __attribute__((aligned(16)));
+
+/* Before each access to memory the other side may go on. */
+static void step(void) {
+    if (run.running < SIDES) {
+        (void)swapcontext(&run.side[run.running], &run.here);
+    }
+}
+
+static void write_letters(void) {
+    for (uint32_t n = 1; n <= PUTS; n++) {
+        const uint32_t letter[WORDS] = {n, n};
+        cr_mailbox_put(&run.put, run.place, letter, WORDS);
+        run.put_whole = n;
+    }
+    run.active[WRITER] = 0;
+}
+
+static void read_letters(void) {
+    uint32_t seen = 0u;
+    for (uint32_t n = 0; n < TAKES; n++) {
+        uint32_t letter[WORDS] = {0u, 0u};
+        run.least = run.put_whole;
+        run.disturbed = 0u;
+        if (cr_mailbox_take(&run.put, run.place, letter, WORDS, &seen)) {
+            run.torn += letter[0] != letter[1] || letter[0] != seen || letter[0] <= run.taken || letter[0] < run.least;
+            run.taken = letter[0];
+            run.whole_takes++;
+        } else {
+            /* nothing new, or disturbed at least once in each try */
+            run.torn += run.least > run.taken && run.disturbed < CR_MAILBOX_TRIES;
+            run.empty_takes++;
+        }
+    }
+    run.active[READER] = 0;
+}
+
+static void start(int side, void (*what)(void)) {
+    (void)getcontext(&run.side[side]);
+    run.side[side].uc_stack.ss_sp = stacks[side];
+    run.side[side].uc_stack.ss_size = STACK_BYTES;
+    run.side[side].uc_link = &run.here;
+    run.active[side] = 1;
+    makecontext(&run.side[side], what, 0);
+}
+
+static void go_on(int side) {
+    run.running = side;
+    (void)swapcontext(&run.here, &run.side[side]);
+    run.running = SIDES;
+    run.disturbed += side == WRITER;
+}
+
+/* One run: side[0..given) as told, then the writer first. Returns how many turns there were a choice for; side says who had them. */
+static uint32_t run_once(uint8_t *side, uint32_t given) {
+    uint32_t choices = 0u;
+    memset(&run, 0, sizeof run);
+    run.running = SIDES;
+    start(WRITER, write_letters);
+    start(READER, read_letters);
+    while (run.active[WRITER] || run.active[READER]) {
+        int who = run.active[WRITER] ? WRITER : READER;
+        if (run.active[WRITER] && run.active[READER]) {
+            assert_true(choices < STEPS_MAX);
+            if (choices >= given) {
+                side[choices] = WRITER;
+            }
+            who = side[choices++];
+        }
+        go_on(who);
+    }
+    return choices;
+}
+
+static void mailbox_letters_are_whole_and_newest_whoever_goes_first(void **state) {
+    (void)state;
+    uint8_t side[STEPS_MAX];
+    uint32_t given = 0u, runs = 0u, torn = 0u, whole = 0u, empty = 0u;
+    for (int more = 1; more;) {
+        uint32_t choices = run_once(side, given);
+        runs++;
+        torn += run.torn;
+        whole += run.whole_takes;
+        empty += run.empty_takes;
+        /* the next one in order: the last turn of the writer is given to the reader */
+        while (choices > 0u && side[choices - 1u] == READER) {
+            choices--;
+        }
+        more = choices > 0u;
+        if (more) {
+            side[choices - 1u] = READER;
+            given = choices;
+        }
+    }
+    assert_int_equal(torn, 0u);
+    assert_true(runs > 10000u && whole > runs && empty > 0u);
+}
+
+/* ------------------------------------------------------------------------------------------------------------- rates */
+
+static crt_rig wall, edge;
+
+static int open_rigs(void **state) {
+    (void)state;
+    const crt_solid flat = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0), bent = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    crt_open_cube(&wall, &flat, HALF_M, 0.5e-3, VOXEL_M);
+    crt_open_cube(&edge, &bent, HALF_M, 0.5e-3, VOXEL_M);
+    return 0;
+}
+
+static int close_rigs(void **state) {
+    (void)state;
+    crt_close(&wall);
+    crt_close(&edge);
+    return 0;
+}
+
+static void restart(crt_rig *rig) {
+    cr_config config = cr_config_default();
+    config.stiffness_N_m = STIFFNESS_N_M;
+    crt_restart(rig, &config);
+}
+
+static cr_output feel(const crt_rig *rig, const cr_pose *pose) {
+    cr_output out;
+    memset(&out, 0xa5, sizeof out);
+    cr_feel(rig->world, pose, PERIOD_S, &out);
+    return out;
+}
+
+static void search_whole(const crt_rig *rig) {
+    while (cr_search(rig->world, 64u) > 0u) {
+    }
+}
+
+static cr_pose pressed(double depth_m) { return crt_pose(0.0, 0.0, HALF_M - depth_m); }
+
+static void search_rests_until_a_pose_is_felt(void **state) {
+    (void)state;
+    restart(&wall);
+    assert_int_equal(cr_search(wall.world, 64u), 0u);
+    const cr_pose pose = pressed(1e-3);
+    assert_int_equal(feel(&wall, &pose).area_count, 0u);
+    assert_true(cr_search(wall.world, 64u) > 0u);
+    search_whole(&wall);
+    assert_int_equal(cr_search(wall.world, 64u), 0u);
+    const cr_output out = feel(&wall, &pose);
+    assert_int_equal(out.stats.late_ticks, 1u);
+    assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * 1e-3f, ROUNDING_N);
+    assert_true(cr_search(wall.world, 64u) > 0u);
+}
+
+/* At rest it is what one tick answers, whatever the work of a slice: but for the rounding of what is carried. */
+static void feel_at_rest_is_the_tick_whatever_the_slice(void **state) {
+    (void)state;
+    cr_pose pose = crt_pose(5e-3, 0.0, 6e-3);
+    pose.rot = crt_turn(0.2, 1.0, 0.3, 0.5);
+    restart(&edge);
+    cr_output once;
+    cr_tick(edge.world, &pose, PERIOD_S, &once);
+    assert_true(once.depth_m > 0.5e-3f && once.stats.late_ticks == 0u);
+    for (uint32_t work = 0u; work < 3000u; work = 3u * work + 1u) {
+        restart(&edge);
+        (void)feel(&edge, &pose);
+        while (cr_search(edge.world, work) > 0u) {
+        }
+        const cr_output out = feel(&edge, &pose);
+        assert_int_equal(out.area_count, once.area_count);
+        assert_float_equal(v3_norm(v3_sub(out.force_world_N, once.force_world_N)), 0.0f, 1e-3f);
+        assert_float_equal(v3_norm(v3_sub(out.torque_world_Nm, once.torque_world_Nm)), 0.0f, 1e-5f);
+        assert_int_equal(out.zone_count, 0u);
+    }
+}
+
+/* Ten feels to a slice, or ten slices to a feel: a wall is carried exactly, and how old its plane is shows in nothing but late_ticks. */
+static void feel_of_a_wall_is_that_of_the_pose_at_any_rate(void **state) {
+    (void)state;
+    for (uint32_t rate = 0; rate < 3u; rate++) {
+        restart(&wall);
+        uint32_t felt = 0u, oldest = 0u;
+        for (int i = 0; i < 2000; i++) {
+            const double depth = 1e-3 + 0.5e-3 * sin(0.01 * i);
+            const cr_pose pose = pressed(depth);
+            const cr_output out = feel(&wall, &pose);
+            for (uint32_t n = 0; n < (rate == 0u ? (i % 10 == 0) : rate == 1u ? 1u : 10u); n++) {
+                (void)cr_search(wall.world, 48u);
+            }
+            felt += out.area_count > 0u;
+            if (felt > 0u) {
+                assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * (float)depth, ROUNDING_N);
+                oldest = out.stats.late_ticks > oldest ? out.stats.late_ticks : oldest;
+            }
+        }
+        assert_true(felt > 1500u && oldest >= (rate == 2u ? 1u : 5u));
+    }
+}
+
+static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
+    (void)state;
+    restart(&wall);
+    const cr_pose pose = pressed(1e-3), away = crt_pose(0.0, 0.0, 0.2), bad = crt_pose((double)NAN, 0.0, 0.0);
+    (void)feel(&wall, &pose);
+    (void)cr_search(wall.world, 32u); /* begun, not at its end */
+    assert_int_equal(feel(&wall, &bad).faults, CR_FAULT_POSE);
+    search_whole(&wall);
+    cr_world_clear_fault(wall.world);
+    cr_output out = feel(&wall, &away);
+    assert_true(out.faults == 0u && out.area_count == 0u);
+    out = feel(&wall, &pose);
+    assert_int_equal(out.area_count, 0u);
+    search_whole(&wall);
+    assert_float_equal(feel(&wall, &pose).force_world_N.z, STIFFNESS_N_M * 1e-3f, ROUNDING_N);
+}
+
+/* ----------------------------------------------------------------------------------------------------------- threads */
+
+static _Atomic int ended;
+
+static void *search_on(void *rig) {
+    while (!atomic_load(&ended)) {
+        (void)cr_search(((const crt_rig *)rig)->world, 40u);
+    }
+    return NULL;
+}
+
+static void feel_and_search_in_two_threads_answer_the_pose_at_hand(void **state) {
+    (void)state;
+    restart(&wall);
+    pthread_t thread;
+    uint32_t felt = 0u, answers = 0u, before = 0u;
+    atomic_store(&ended, 0);
+    assert_int_equal(pthread_create(&thread, NULL, search_on, &wall), 0);
+    for (int i = 0; i < 1000000 && answers < 2000u; i++) {
+        const double depth = 1e-3 + 0.5e-3 * sin(1e-3 * i);
+        const cr_pose pose = pressed(depth);
+        const cr_output out = feel(&wall, &pose);
+        felt += out.area_count > 0u;
+        answers += out.stats.late_ticks <= before;
+        before = out.stats.late_ticks;
+        if (felt > 0u) {
+            assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * (float)depth, ROUNDING_N);
+        }
+    }
+    atomic_store(&ended, 1);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    assert_true(felt > 100u && answers > 20u);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(mailbox_letters_are_whole_and_newest_whoever_goes_first),
+        cmocka_unit_test(search_rests_until_a_pose_is_felt),
+        cmocka_unit_test(feel_at_rest_is_the_tick_whatever_the_slice),
+        cmocka_unit_test(feel_of_a_wall_is_that_of_the_pose_at_any_rate),
+        cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
+        cmocka_unit_test(feel_and_search_in_two_threads_answer_the_pose_at_hand),
+    };
+    return cmocka_run_group_tests(tests, open_rigs, close_rigs);
+}
