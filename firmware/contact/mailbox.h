@@ -8,6 +8,7 @@
 #define CR_MAILBOX_H
 
 #include <stdatomic.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -20,12 +21,12 @@
 /* Purpose  put count words of a letter as the newest.   Shapes  place[2][count].   Errors  none.   Cost  O(count), no waiting. */
 static inline void cr_mailbox_put(_Atomic uint32_t *put, _Atomic uint32_t *place, const void *letter, uint32_t count) {
     const uint32_t next = atomic_load_explicit(put, memory_order_relaxed) + 1u;
-    _Atomic uint32_t *to = &place[(next & 1u) * count];
+    _Atomic uint32_t *to = &place[(size_t)(next & 1u) * count];
     /* what was put before is seen before anything of this is */
     atomic_thread_fence(memory_order_release);
     for (uint32_t i = 0; i < count; i++) {
         uint32_t word;
-        memcpy(&word, (const uint8_t *)letter + i * sizeof word, sizeof word);
+        memcpy(&word, (const uint8_t *)letter + (size_t)i * sizeof word, sizeof word);
         CR_MAILBOX_STEP();
         atomic_store_explicit(&to[i], word, memory_order_relaxed);
     }
@@ -43,11 +44,11 @@ static inline int cr_mailbox_take(const _Atomic uint32_t *put, const _Atomic uin
         if (before == *seen) {
             return 0;
         }
-        const _Atomic uint32_t *from = &place[(before & 1u) * count];
+        const _Atomic uint32_t *from = &place[(size_t)(before & 1u) * count];
         for (uint32_t i = 0; i < count; i++) {
             CR_MAILBOX_STEP();
             const uint32_t word = atomic_load_explicit(&from[i], memory_order_relaxed);
-            memcpy((uint8_t *)letter + i * sizeof word, &word, sizeof word);
+            memcpy((uint8_t *)letter + (size_t)i * sizeof word, &word, sizeof word);
         }
         atomic_thread_fence(memory_order_acquire);
         CR_MAILBOX_STEP();

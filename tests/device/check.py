@@ -194,6 +194,12 @@ def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str
     for name, run in runs.items():
         assert run.ticks is not None
         figures[f"{name} tick max"] = int(run.ticks[:, 0].max())
+    feel = [
+        run.ticks[:, 1 + run.stages.index("feel")].max()
+        for run in runs.values()
+        if run.ticks is not None
+    ]
+    figures["feel of all replays max"] = int(max(feel))
     return figures
 
 

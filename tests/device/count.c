@@ -33,9 +33,9 @@ EXPORT extern int qemu_plugin_version;
 int qemu_plugin_version = 1;
 EXPORT int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv);
 
-enum { OUTSIDE, TICK, DETECT, RELATE, DEPTH, RESOLVE, SERVO, STAGE_COUNT };
+enum { OUTSIDE, TICK, DETECT, RELATE, DEPTH, RESOLVE, FEEL, SERVO, STAGE_COUNT };
 static const char *const stage_names[STAGE_COUNT] = {"outside", "tick",    "detect", "relate",
-                                                     "depth",   "resolve", "servo"};
+                                                     "depth",   "resolve", "feel",   "servo"};
 
 /* Functions that set the stage: at their first instruction, or wherever they run because stages return into them. */
 static const struct {
@@ -44,7 +44,8 @@ static const struct {
 } marks[] = {{"job_tick", OUTSIDE, 1},         {"main", OUTSIDE, 1},           {"cr_servo_rerun", OUTSIDE, 1},
              {"device_tick_end", OUTSIDE, 0},  {"job_hash", OUTSIDE, 0},       {"cr_tick", TICK, 1},
              {"cr_motion_advance", DETECT, 0}, {"cr_detect", DETECT, 0},       {"cr_way_relate", RELATE, 0},
-             {"cr_way_measure", DEPTH, 0},     {"cr_way_resolve", RESOLVE, 0}, {"cr_servo_tick", SERVO, 1},
+             {"cr_way_measure", DEPTH, 0},     {"cr_way_resolve", RESOLVE, 0}, {"cr_search_slice", TICK, 1},
+             {"cr_accept", FEEL, 0},           {"cr_render", FEEL, 0},         {"cr_servo_tick", SERVO, 1},
              {"cr_servo_sync", SERVO, 0},      {"cr_servo_rx", SERVO, 0}};
 
 typedef struct {

@@ -135,10 +135,10 @@ def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
         folder = tmp_path / name.replace(" ", "_")
         shutil.copytree(ROOT / "firmware", folder, ignore=shutil.ignore_patterns("port", "rivals"))
         if name == "off by one":
-            tick = folder / "contact/tick.c"
-            text, exact = tick.read_text("utf-8"), "config.stiffness_N_m * area->depth_m"
+            feel = folder / "contact/feel.c"
+            text, exact = feel.read_text("utf-8"), "config.stiffness_N_m * area->depth_m"
             assert text.count(exact) == 1
-            tick.write_text(text.replace(exact, exact + " * 1.0000001f"), "utf-8")
+            feel.write_text(text.replace(exact, exact + " * 1.0000001f"), "utf-8")
         parts = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
         parts += [folder / path.relative_to(ROOT / "firmware") for path in FIRMWARE_C]
         includes = [f"-I{folder}", f"-I{ROOT / 'tests/check'}"]

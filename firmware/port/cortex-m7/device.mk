@@ -29,6 +29,9 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 	@echo "$(1): $$<"
 	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
+# Runs once, at set-up: small, not fast.
+build/$(1)/firmware/contact/scene.o: LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
+
 build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@$(ARM)ar rcs $$@ $$^
