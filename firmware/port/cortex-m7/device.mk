@@ -27,7 +27,7 @@ build/$(1)/.flags: FORCE
 build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
 	@echo "$(1): $$<"
-	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
+	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
 # Runs once, at set-up: small, not fast.
 build/$(1)/firmware/contact/scene.o: LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
