@@ -11,7 +11,7 @@ static uint32_t check_pose(const cr_pose *in, cr_pose *out) {
     cr_quat q = in->rot;
     float n2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
     float reach = max_f(max_f(abs_f(in->pos_m.x), abs_f(in->pos_m.y)), abs_f(in->pos_m.z));
-    if (!v3_is_finite(in->pos_m) || !(abs_f(n2 - 1.0f) < 2.0f * QUATERNION_TOLERANCE) || !(reach <= POSITION_MAX_M)) {
+    if (!(abs_f(n2 - 1.0f) < 2.0f * QUATERNION_TOLERANCE) || !(reach <= POSITION_MAX_M)) { /* not a number fails both */
         return CR_FAULT_POSE;
     }
     float s = 1.0f / sqrtf(n2);
@@ -198,9 +198,8 @@ static void push_all(cr_world *w, const xform *now, float period_s, cr_output *o
 }
 
 int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
-    cr_pose pose;
     clear_output(out);
-    w->faults |= check_pose(world_from_tool, &pose);
+    w->faults |= check_pose(world_from_tool, &out->display_pose);
     w->faults |= period_s > 0.0f && period_s <= 1.0f ? 0u : (uint32_t)CR_FAULT_PERIOD;
     out->faults = w->faults;
     if (w->faults != 0u) {
@@ -210,24 +209,30 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
         return 0;
     }
     w->felt.stamp++;
-    w->felt.pose = pose;
-    out->display_pose = pose;
+    w->felt.pose = out->display_pose;
     return 1;
 }
 
-void cr_render(cr_world *w, float period_s, int areas_whole, cr_output *out) {
+/* What the contact in hand does at this pose. */
+static void feel(cr_world *w, float period_s, int areas_whole, cr_output *out) {
     const xform now = xform_from_pose(&w->felt.pose);
     if (areas_whole) {
         out->area_count = w->hand.count;
     } else {
         list_hand(&w->hand, out);
     }
-    out->stats.late_ticks = w->felt.stamp - w->hand.at.stamp;
     if (out->stats.late_ticks > 0u) {
         carry(&w->hand.at.pose, &now, out);
     }
     if (out->area_count > 0u) {
         push_all(w, &now, period_s, out);
+    }
+}
+
+void cr_render(cr_world *w, float period_s, int areas_whole, cr_output *out) {
+    out->stats.late_ticks = w->felt.stamp - w->hand.at.stamp;
+    if (w->hand.count > 0u) {
+        feel(w, period_s, areas_whole, out);
     }
     w->previous = w->felt.pose;
     w->has_previous = 1u;

@@ -30,6 +30,15 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
     return whole;
 }
 
+/* What later ticks need of the areas that were answered. */
+static void keep(const cr_pose *at, const cr_area *areas, cr_hand *hand) {
+    hand->at.pose = *at;
+    for (uint32_t i = 0; i < hand->count; i++) {
+        const cr_area *a = &areas[i];
+        hand->held[i] = (cr_held){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
+    }
+}
+
 /* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered. */
 static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *hand, cr_area *areas, cr_stats *stats) {
     if (w->set.hit_count == 0u) {
@@ -38,10 +47,10 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
         return 0;
     }
     w->found = w->answering = 0u;
-    hand->at = w->searched;
-    for (uint32_t i = 0; i < hand->count; i++) {
-        const cr_area *a = &areas[i];
-        hand->held[i] = (cr_held){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
+    hand->at.stamp = w->searched_stamp;
+    hand->at.memory = w->searched_memory;
+    if (hand->count > 0u) {
+        keep(&w->motion.last, areas, hand);
     }
     stats->contacts = w->set.contacts;
     stats->clusters = w->set.hit_count;
@@ -53,15 +62,16 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
 
 int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, cr_hand *hand, cr_area *areas,
                     cr_stats *stats) {
-    if (newest->memory != w->searched.memory) {
+    if (newest->memory != w->searched_memory) {
         cr_drop_search(w);
         w->motion.valid = 0u;
     }
     if (!w->search.open && !w->found) {
-        w->searched = *newest;
+        w->searched_stamp = newest->stamp;
+        w->searched_memory = newest->memory;
         cr_motion_advance(&w->motion, &newest->pose);
     }
-    const xform at = xform_from_pose(&w->searched.pose);
+    const xform at = xform_from_pose(&w->motion.last);
     const cr_detect_options options = {
         .skip = w->config.skip,
         .coverage = w->config.coverage,
@@ -71,8 +81,9 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
         .touches = w->config.response != CR_RESPONSE_WAY_OUT,
 #endif
     };
-    w->search.spent = 0u;
-    if (!w->found) {
+    if (w->found) {
+        w->search.spent = 0u;
+    } else {
         w->found = (uint32_t)cr_detect(&w->field, &at, &options, &w->motion, &w->search, &w->set, stats);
     }
     stats->work = w->search.spent;

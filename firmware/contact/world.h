@@ -47,11 +47,11 @@ struct cr_world {
     /* of who searches */
     cr_motion motion;
     cr_descent search;
-    cr_felt wanted;     /* the newest pose, */
-    cr_felt searched;   /* that of the search at hand */
-    uint32_t found;     /* 1: at its end, and not answered yet */
-    uint32_t answering; /* 1: the answer has begun */
-    cr_hand made;       /* the last answer, by cr_descent */
+    cr_felt wanted;                           /* the newest pose; */
+    uint32_t searched_stamp, searched_memory; /* of the one that is searched at: motion.last */
+    uint32_t found;                           /* 1: at its end, and not answered yet */
+    uint32_t answering;                       /* 1: the answer has begun */
+    cr_hand made;                             /* the last answer, by cr_descent */
     cr_contact_set set;
     cr_way_work way;
 #ifdef CR_RIVALS
