@@ -177,18 +177,20 @@ play: build/.host build/meshes/.stamp ## a block and a ball in the browser: drag
 PLAY ?= edge90_sphere
 
 # --------------------------------------------------------------------------------------------------------- tests
-# One library and one set of test programs for each variant: build/<variant>/...
+# One library and one set of test programs for each variant: build/<variant>/... All but cov, which counts what ships, check what must hold inside
+# (firmware/asserts.h).
+ASSERTS := -DCR_ASSERTS=1
 
 CC_gcc := gcc
-CFLAGS_gcc := -O2 -g
+CFLAGS_gcc := -O2 -g $(ASSERTS)
 CC_clang := clang
-CFLAGS_clang := -O2 -g
+CFLAGS_clang := -O2 -g $(ASSERTS)
 CC_san := gcc
-CFLAGS_san := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+CFLAGS_san := $(ASSERTS) -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 CC_cov := gcc
 CFLAGS_cov := -O0 -g --coverage -DNDEBUG
 CC_fuzz := clang
-CFLAGS_fuzz := -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
+CFLAGS_fuzz := $(ASSERTS) -O1 -g -fsanitize=fuzzer-no-link,address,undefined,float-cast-overflow -fno-sanitize-recover=all -fno-omit-frame-pointer
 # As a Cortex-M runs it: lane by lane.
 CC_scalar := $(CC_fuzz)
 CFLAGS_scalar := $(CFLAGS_fuzz) -DCR_SCALAR=1
@@ -222,7 +224,7 @@ build/$(1)/libhelpers.a: $(TEST_HELPERS:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 
-build/$(1)/librivals.a: $(patsubst %.c,build/$(1)/rivals/%.o,$(CONTACT_C) $(RIVALS_C) $(IMAGE_HELPERS))
+build/$(1)/librivals.a: $(patsubst %.c,build/$(1)/rivals/%.o,$(CONTACT_C) $(RIVALS_C) $(IMAGE_HELPERS) firmware/port/linux/assert_failed.c)
 	@rm -f $$@
 	@ar rcs $$@ $$^
 

@@ -20,6 +20,14 @@
 #error "CR_SCALAR: 0 or 1"
 #endif
 
+/* 1: what must hold inside is checked as it runs, for 3 % more instructions, and the port defines cr_assert_failed (asserts.h). 0: no code of it. */
+#ifndef CR_ASSERTS
+#define CR_ASSERTS 0
+#endif
+#if CR_ASSERTS != 0 && CR_ASSERTS != 1
+#error "CR_ASSERTS: 0 or 1"
+#endif
+
 /* Depth of the sphere tree in groups. 16^6 clusters hold 268 million points; the traversal stack has this length. */
 #ifndef CR_TREE_DEPTH_MAX
 #define CR_TREE_DEPTH_MAX 6

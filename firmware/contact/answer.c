@@ -14,6 +14,7 @@ static cr_vec3 point_of_force(const cr_way_half *half, cr_vec3 middle) {
 
 /* Area, and the middle, of the zones of a half-space. */
 static float sum_zones(const cr_way_zones *zones, uint32_t bits, cr_vec3 *middle) {
+    CR_ASSERT(bits != 0u && (bits >> zones->count) == 0u);
     cr_vec3 centre = v3(0.0f, 0.0f, 0.0f);
     float area = 0.0f, weight = 0.0f;
     while (bits != 0u) {
@@ -63,6 +64,7 @@ static void report(const cr_respond_input *in, const cr_way_relations *r, const 
     out->area_m2 = sum_zones(&in->set->way, half->zones, &middle);
     out->force_world_N = v3(0.0f, 0.0f, 0.0f);
     out->normal_world = push_normal(in, half);
+    CR_ASSERT(v3_is_unit(out->normal_world));
     out->point_world_m = xform_point(in->world_from_tool, point_of_force(half, middle));
     out->depth_m = push_m;
     out->offset_m = v3_dot(out->normal_world, out->point_world_m) + push_m;
@@ -86,6 +88,7 @@ static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr
                 zones->area_of[z] = area[h];
             }
         }
+        CR_ASSERT(zones->area_of[z] < CR_AREAS_MAX || zones->area_of[z] == CR_HIT_NONE);
     }
 }
 
@@ -94,6 +97,7 @@ uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *o
     cr_way_half *half = work->half;
     const uint32_t count = work->relations.half_count;
     uint32_t made = 0u;
+    CR_ASSERT(count <= zones->count && room <= CR_AREAS_MAX);
     for (uint32_t h = 0; h < count; h++) {
         const cr_vec3 n = half[h].normal;
         work->normal[h] = n;

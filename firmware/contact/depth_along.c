@@ -31,6 +31,7 @@
 static void march(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 way, float most_m,
                   float *gone_m) {
     const cr_vec3 to = xform_rotate(s->in->world_from_tool, way);
+    CR_ASSERT(v3_is_unit_or_zero(way)); /* each step is as long as the distance */
     cr_lanes3 *place = &s->scratch->march_world, *from = &s->scratch->march_from;
     cr_lookup *found = &s->scratch->march;
     cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, from);
@@ -79,6 +80,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
         }
         const struct cr_img_cluster *c = at->c;
         float *height = e->height_m[e->count], *steep = e->leaves[e->count];
+        CR_ASSERT(e->count < CR_WAY_EXITS_MAX);
         for (int i = 0; i < CR_LANES; i++) {
             if (CR_SCALAR && !has_lane(lanes, i)) {
                 continue;
@@ -310,6 +312,7 @@ static float nearness(const cr_way_survey *s, const cr_way_spots *at, int i, uin
  * done the rest waits. One at least has its turn. */
 static int is_next(const cr_way_survey *s) {
     cr_way_work *w = s->work;
+    CR_ASSERT(w->begun <= w->done);
     if (w->seen++ < w->done || (w->spent >= s->lookups_max && w->done > w->begun)) {
         return 0;
     }

@@ -128,6 +128,8 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     (void)b;
     (void)lane;
 #endif
+    CR_ASSERT(l->covered != 0u && (l->full & ~l->covered) == 0u && ((l->inside | l->near) >> l->c->count) == 0u);
+    CR_ASSERT(w->set->hit_count == 0u || w->set->hits[w->set->hit_count - 1u].cluster < l->cluster);
     cr_hit *hit = cr_add_hit(w->set, l->cluster, w->stats);
     if (hit == NULL) {
         return;
@@ -280,6 +282,7 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
     const uint32_t at = slot % CR_LANES;
     leaf f;
     f.cluster = g->child[at];
+    CR_ASSERT(g->leaf != 0u && at < g->count && f.cluster < w->scene->cluster_count && slot < w->motion->wake_count);
     f.centre_m = v3(g->x[at], g->y[at], g->z[at]);
     f.radius_m = g->radius[at];
     f.reach_m = f.radius_m + g->margin[at];
@@ -309,6 +312,7 @@ static void look_up_waiting(walk *w) {
     cr_descent *s = w->search;
     const uint32_t count = s->waiting;
     cr_batch *b = &s->batch;
+    CR_ASSERT(count > 0u && count <= CR_LANES && s->looked_up == 0u);
     for (uint32_t i = 0; i < CR_LANES; i++) {
         const uint32_t slot = s->slot[i < count ? i : 0u], lane = slot % CR_LANES;
         const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
@@ -327,6 +331,7 @@ static void look_up_waiting(walk *w) {
 /* One of the leaf spheres that were looked up, in cluster order. */
 static void visit_next(walk *w) {
     cr_descent *s = w->search;
+    CR_ASSERT(s->visited < s->looked_up && s->looked_up == s->waiting);
     const int lane = (int)s->visited++;
     visit_cluster(w, s->slot[lane], &s->batch, lane);
     if (s->visited == s->looked_up) {
@@ -360,6 +365,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
 
 /* One level down: the lanes of a group that are left to descend into, or leaves to be looked at. */
 static void enter_group(walk *w, uint32_t group) {
+    CR_ASSERT(group < w->scene->group_count && w->search->depth < CR_TREE_DEPTH_MAX);
     const struct cr_img_group *g = &w->scene->groups[group];
     cr_search_level *level = &w->search->stack[w->search->depth++];
     const uint32_t lanes = find_awake(w, g, group);
@@ -378,6 +384,7 @@ static void descend(walk *w) {
     const int lane = take_lane(&level->lanes);
     const struct cr_img_group *g = &w->scene->groups[level->group];
     if (g->leaf) {
+        CR_ASSERT(s->waiting < CR_LANES && s->looked_up == 0u);
         s->slot[s->waiting++] = level->group * CR_LANES + (uint32_t)lane;
     } else {
         enter_group(w, g->child[lane]);
@@ -467,5 +474,6 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         give_up(&w);
         search->open = 0u;
     }
+    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u));
     return !search->open;
 }

@@ -107,6 +107,7 @@ static int tie_of_three(const rival *a, const rival *b, const rival *c, place *p
 /* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
 float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *e) {
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
+    CR_ASSERT(e->count <= CR_WAY_EXITS_MAX);
     rival r[RIVALS_MAX];
     place p = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
     const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, r);

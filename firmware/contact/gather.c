@@ -43,6 +43,7 @@ static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_w
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         const float depth = layer->depth_m[i], weight = depth * c->area[i];
+        CR_ASSERT(!(depth < 0.0f || layer->coverage[i] < 0.0f));
         const float x = c->x[i], y = c->y[i], w = c->z[i], ax = c->ax[i], ay = c->ay[i], az = c->az[i];
         z->deep_m = max_f(z->deep_m, depth);
         z->area_m2 += layer->coverage[i] * c->area[i];
@@ -85,6 +86,7 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
         /* not a number is kept: it is a fault in the end */
         cr_way_zone *z = part * sums.weight_m3 <= 0.0f ? NULL : zone_at(s, pose, zones, key, layer->patch);
         if (z != NULL) {
+            CR_ASSERT(z < &zones->zones[zones->count] && z->key.piece == c->piece[slot] && z->patch == layer->patch);
             add_part(z, &sums, part, hit);
             zones->reach[hit].zones |= 1u << (uint32_t)(z - zones->zones);
         }
@@ -136,6 +138,8 @@ static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set
 }
 
 void cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
+    CR_ASSERT(hit < set->hit_count && set->hits[hit].cluster == looked->cluster);
+    CR_ASSERT((looked->planes == NULL) == (looked->at != NULL)); /* by one of the two */
     const uint32_t lanes = begin(f->scene, set, hit);
     if (looked->planes != NULL) {
         cr_way_over_planes(f->scene, looked->c, lanes, looked->coverage, looked->planes, looked->heights,

@@ -19,6 +19,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
+    CR_ASSERT(l->count <= CR_WAY_LAYERS_MAX && side <= CR_WAY_SIDES && (surface >= CR_WAY_CURVED || side == 0u));
     for (uint32_t k = 0; k < l->count; k++) {
         if (l->layers[k].surface == surface && l->layers[k].side == side) {
             return &l->layers[k];
@@ -47,6 +48,7 @@ typedef struct {
 /* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
 static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
     const float across = cr_way_width(c, i, n), most = 2.0f * c->ramp[i];
+    CR_ASSERT(v3_is_unit_or_zero(n));
     const float width = clamp_f(across, WIDTH_MIN * most, most);
     part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, across};
     p.depth_m = p.share < 1.0f ? 0.5f * width * p.share * p.share : -height_m;
@@ -176,6 +178,7 @@ static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_v
         out->share[k] = max_f(0.0f, 1.0f - (out->share[k] - best) / (EXPLAINS * s->meta->voxel_m));
         total += out->share[k];
     }
+    CR_ASSERT(kind->count == 0u || !(total < 1.0f)); /* the best one counts in full */
     for (uint32_t k = 0; k < kind->count; k++) {
         out->share[k] /= total;
     }

@@ -2,6 +2,7 @@
 #ifndef CR_MATH3_H
 #define CR_MATH3_H
 
+#include "asserts.h"
 #include "crease.h"
 
 #include <math.h>
@@ -30,6 +31,7 @@ static inline int is_finite_f(float a) { return a - a == 0.0f; }
 
 /* Lowest set bit of a non-zero mask of lanes, taken out of the mask. */
 static inline int take_lane(uint32_t *lanes) {
+    CR_ASSERT(*lanes != 0u);
 #if defined(__GNUC__)
     int lane = __builtin_ctz(*lanes);
 #else
@@ -73,6 +75,9 @@ static inline cr_vec3 v3_unit(cr_vec3 a, float tiny) {
     return n <= tiny ? v3(0.0f, 0.0f, 0.0f) : v3_scale(a, 1.0f / n); /* not a number stays none */
 }
 static inline int v3_is_finite(cr_vec3 a) { return is_finite_f(a.x) && is_finite_f(a.y) && is_finite_f(a.z); }
+/* Of length 1 but for rounding, or zero: a direction that is not known. For CR_ASSERT: not-a-number passes, it is a fault of the answer. */
+static inline int v3_is_unit(cr_vec3 a) { return !(abs_f(v3_dot(a, a) - 1.0f) > 1e-4f); }
+static inline int v3_is_unit_or_zero(cr_vec3 a) { return v3_is_unit(a) || v3_dot(a, a) <= 0.0f; }
 
 /* Rotation and translation, ready for use: world = r * tool + t. Rows of r. */
 typedef struct {

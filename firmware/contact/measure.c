@@ -222,6 +222,7 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
     uint32_t halves = 0u;
     for (uint32_t left = reach->zones; left != 0u;) {
         const uint32_t z = (uint32_t)take_lane(&left);
+        CR_ASSERT(z < s->zones->count && r->half_of[z] < r->half_count);
         halves |= 1u << r->half_of[z];
         for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
             halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
@@ -246,6 +247,7 @@ static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
 static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes, cr_planes *cell) {
     const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
     uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
+    CR_ASSERT(hit < s->in->set->hit_count);
     if ((*measured & bit) == 0u && may_be_deeper(s, &s->zones->reach[hit]) &&
         !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
         return 0;
@@ -268,6 +270,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
     const cr_way_zones *zones = &in->set->way;
     const cr_way_survey s = {in, zones, &work->relations, work->half, &work->scratch, work, lookups_max};
     const uint32_t steps = 2u * zones->count + in->set->hit_count;
+    CR_ASSERT(work->next <= steps);
     cr_planes planes, cell;
     planes.kind = cell.kind = 0u;
     while (work->next < steps && work->spent < lookups_max) {
@@ -284,5 +287,6 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
             work->spent += work->relations.half_count * work->relations.half_count / PAIRS_OF_WORK;
         }
     }
+    CR_ASSERT(work->next == steps || work->spent >= lookups_max);
     return work->next == steps;
 }

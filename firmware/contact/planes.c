@@ -31,6 +31,7 @@ static int from_vertex(cr_vec3 n0, cr_vec3 n1, cr_vec3 n2, float a, float b, flo
 
 float cr_convex_distance(const cr_vec3 *normal, const float *height, uint32_t count, uint32_t *nearest, cr_vec3 *grad) {
     uint32_t first = highest(height, count, 0u);
+    CR_ASSERT(first < count && count <= CR_KIND_FACETS_MAX);
     float a = height[first], foot[CR_KIND_FACETS_MAX];
     *nearest = first;
     *grad = normal[first];
@@ -114,6 +115,8 @@ uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
 
 void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_planes *out) {
     const struct cr_img_kind *k = &s->kinds[kind];
+    /* Of other kinds the planes are not those of one solid. */
+    CR_ASSERT(kind < s->kind_count && k->count > 0u && k->kind != CR_KIND_CURVED && k->kind != CR_KIND_MIXED);
     out->kind = kind;
     out->count = k->count;
     out->sign = k->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
@@ -123,6 +126,7 @@ void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_plan
         const struct cr_img_facet *facet = &s->facets[k->facet[i]];
         const cr_vec3 normal = v3_scale(v3_from(facet->normal), out->sign);
         out->normal_tool[i] = xform_unrotate(pose, normal);
+        CR_ASSERT(v3_is_unit(out->normal_tool[i]));
         out->offset_m[i] = v3_dot(normal, pose->t) - facet->offset_m * out->sign;
         out->facet[i] = k->facet[i];
         for (uint32_t j = 0; j < i; j++) {
@@ -176,6 +180,7 @@ static void measure_plane(const cr_planes *p, const struct cr_img_cluster *c, ui
 void cr_planes_measure(const cr_planes *p, const struct cr_img_cluster *c, cr_heights *out) {
     const cr_vec3 n = p->normal_tool[0];
     const float offset = p->offset_m[0];
+    CR_ASSERT(p->count > 0u && p->count <= CR_KIND_FACETS_MAX);
     for (int i = 0; i < CR_LANES; i++) {
         out->height_m[0][i] = out->top_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
     }

@@ -40,6 +40,7 @@ typedef struct {
 } means;
 
 static means means_of(const cr_way_zone *z) {
+    CR_ASSERT(!(z->weight_m3 <= 0.0f) && (!z->flat || v3_is_unit(z->plane_normal)));
     const float inverse = 1.0f / z->weight_m3;
     const cr_vec3 centre = v3_scale(z->centre_m4, inverse);
     means m = {z->plane_normal, z->plane_normal, centre};
@@ -271,6 +272,7 @@ static void relate_all(const cr_scene *scene, const cr_way_zones *zones, const m
             const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
             r->part[a][b] = r->part[b][a] =
                 za->key.piece == zb->key.piece ? meet_static(scene, za, zb, &m[a], &m[b]) : 0.0f;
+            CR_ASSERT(!(r->part[a][b] < 0.0f || r->part[a][b] > 1.0f));
         }
     }
 }
@@ -295,6 +297,7 @@ static void share_arms(cr_way_half *half, uint32_t count) {
 
 void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *r) {
     means m[CR_WAY_ZONES_MAX] = {0};
+    CR_ASSERT(zones->count <= CR_WAY_ZONES_MAX);
     r->half_count = 0u;
     r->whole_m3 = 0.0f;
     for (uint32_t a = 0; a < zones->count; a++) {
@@ -309,6 +312,7 @@ void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_rela
 void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r,
                  cr_way_half *halves) {
     uint32_t h = 0u;
+    CR_ASSERT(zone < zones->count && r->half_count <= zone); /* no more half-spaces than zones that have joined */
     r->lead[zone] = lead_of(zones, r, zone);
     while (h < r->half_count && !rows_agree(r->part[zone], r->part[r->first[h]], zones->count)) {
         h++;
@@ -319,6 +323,7 @@ void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone
         find_bounds(scene, zones, r, zone, half);
         r->first[r->half_count++] = zone;
     }
+    CR_ASSERT(!has_lane(half->zones, (int)zone));
     half->zones |= 1u << zone;
     half->led_m3 = max_f(half->led_m3, zones->zones[zone].weight_m3);
     r->half_of[zone] = h;

@@ -14,6 +14,7 @@ uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t co
         lambda_m[j] = 0.0f;
         deepest = max_f(deepest, depth_m[j]);
         if (!(depth_m[j] <= 0.0f)) { /* not a number is felt: a fault */
+            CR_ASSERT(v3_is_unit(normal[j]));
             felt[felt_count++] = j;
         }
     }
@@ -32,6 +33,7 @@ uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t co
                 led += lambda_m[felt[i]] * along->part[j][i];
             }
             const float next = max_f(0.0f, depth_m[felt[j]] - led);
+            CR_ASSERT(!(next > depth_m[felt[j]])); /* no more than its own depth */
             moved = max_f(moved, abs_f(next - *own));
             *own = next;
         }

@@ -492,6 +492,7 @@ const char *cr_err_text(cr_err err) {
 }
 
 uint32_t cr_pair_label(const cr_scene *s, uint32_t a, uint32_t b) {
+    CR_ASSERT(a != b);
     const uint32_t first = a < b ? a : b, second = a < b ? b : a;
     uint32_t low = 0u, high = s->pair_count;
     while (low < high) {

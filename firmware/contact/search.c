@@ -32,6 +32,7 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
 
 /* What later ticks need of the areas that were answered. */
 static void keep(const cr_pose *at, const cr_area *areas, cr_hand *hand) {
+    CR_ASSERT(hand->count <= CR_AREAS_MAX);
     hand->at.pose = *at;
     for (uint32_t i = 0; i < hand->count; i++) {
         const cr_area *a = &areas[i];
@@ -62,6 +63,7 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
 
 int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, cr_hand *hand, cr_area *areas,
                     cr_stats *stats) {
+    CR_ASSERT(!(w->search.open && w->found) && (w->found || !w->answering));
     if (newest->memory != w->searched_memory) {
         cr_drop_search(w);
         w->motion.valid = 0u;

@@ -46,6 +46,7 @@ int16_t cr_per_mille(float torque, float rated, float limit) {
 }
 
 cr_frame *cr_bus_add_frame(cr_tx *tx, uint32_t id, uint8_t size) {
+    CR_ASSERT(tx->count < CR_TX_MAX && id <= 0x7ffu && size <= 8u);
     static const cr_frame empty = {0};
     uint32_t at = tx->count < CR_TX_MAX ? tx->count : CR_TX_MAX - 1u;
     cr_frame *frame = &tx->frames[at];
@@ -83,6 +84,7 @@ int cr_bus_is_of_interest(uint16_t id) {
 }
 
 void cr_bus_raise(cr_bus *bus, uint32_t fault, uint32_t axis) {
+    CR_ASSERT(fault != 0u && axis < CR_AXES);
     bus->faults |= fault;
     bus->trouble_axis = axis;
 }
@@ -271,6 +273,7 @@ static void check_heartbeats(const cr_bus_config *config, cr_bus *bus, uint64_t 
 }
 
 static void begin_enable(cr_bus *bus, uint64_t now_ns) {
+    CR_ASSERT(bus->phase == CR_PHASE_SET_UP && bus->sdo_waiting == 0u);
     bus->phase = CR_PHASE_ENABLE;
     bus->start_due = 1u;
     bus->enable_ns = bus->control_ns = now_ns;
@@ -295,6 +298,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
         bus->has_start = 1u;
         bus->start_ns = bus->beat_ns = now_ns;
     }
+    CR_ASSERT(bus->phase <= CR_PHASE_RUN && bus->sdo_axis <= CR_AXES && !(bus->reset_due && bus->start_due));
     switch (bus->phase) {
     case CR_PHASE_LISTEN:
         if (!bus->refused && now_ns - bus->start_ns >= config->listen_ms * MS_NS) {
@@ -374,6 +378,7 @@ void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t tar
     if (bus->phase == CR_PHASE_LISTEN) {
         return;
     }
+    CR_ASSERT(bus->phase == CR_PHASE_RUN || (target[0] == 0 && target[1] == 0 && target[2] == 0));
     cr_frame *torque = cr_bus_add_frame(tx, ID_TORQUE, 6u);
     for (uint32_t a = 0; a < CR_AXES; a++) {
         put_u16(&torque->data[(size_t)2u * a], (uint32_t)(uint16_t)target[a]);

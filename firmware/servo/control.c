@@ -21,6 +21,7 @@ void cr_velocity_reset(cr_velocity *velocity) { memset(velocity, 0, sizeof *velo
 
 /* Counts gained since `back` periods ago. Wraps like the encoder does. */
 static float rise_since(const cr_velocity *v, uint32_t back) {
+    CR_ASSERT(back < v->filled);
     uint32_t at = (v->head + CR_WINDOW_MAX + 1u - back) % (CR_WINDOW_MAX + 1u);
     return (float)(int32_t)((uint32_t)v->counts[v->head] - (uint32_t)v->counts[at]);
 }
@@ -52,6 +53,7 @@ static void push_counts(cr_velocity *v, int32_t counts) {
 /* The samples that did not come, on the straight line between those that did, to the nearest count: within the one count
  * that the window allows anyway. */
 static void bridge_gap(cr_velocity *v, int32_t counts, uint32_t periods) {
+    CR_ASSERT(periods > 0u && periods <= CR_WINDOW_MAX);
     const int32_t from = v->counts[v->head];
     const int32_t rise = (int32_t)((uint32_t)counts - (uint32_t)from), n = (int32_t)periods;
     /* The whole steps apart, so that 32 bits do: a board has no division of 64. */
@@ -63,6 +65,7 @@ static void bridge_gap(cr_velocity *v, int32_t counts, uint32_t periods) {
 }
 
 float cr_velocity_step(cr_velocity *v, int32_t counts, uint32_t periods, uint32_t window) {
+    CR_ASSERT(v->head <= CR_WINDOW_MAX && v->filled <= CR_WINDOW_MAX + 1u);
     if (periods > CR_WINDOW_MAX) {
         cr_velocity_reset(v); /* too long ago to say anything */
     } else if (v->filled > 0u) {
@@ -154,6 +157,7 @@ static cr_vec3 dissipate(const cr_control_config *config, const cr_control *c, c
 /* Keep `share` of the force's component along the motion, when that speeds it up. */
 static cr_vec3 hold_back(cr_vec3 force, cr_vec3 velocity, float share) {
     float speed2 = v3_dot(velocity, velocity);
+    CR_ASSERT(!(speed2 <= 0.0f)); /* there is power, so there is motion */
     return v3_mad(force, velocity, -(1.0f - share) * v3_dot(force, velocity) / speed2);
 }
 
@@ -199,6 +203,7 @@ static cr_vec3 limit_rate(const cr_control_config *config, cr_vec3 before, float
 
 /* 1 inside, falling to 0 over the band before either end. */
 static float fade(float value, float low, float high) {
+    CR_ASSERT(low < high);
     float band = RANGE_BAND * (high - low);
     return clamp_f(min_f(value - low, high - value) / band, 0.0f, 1.0f);
 }
@@ -243,6 +248,7 @@ static void to_torques(const cr_servo_config *config, cr_control *c, const cr_co
     out->limits |= scale < 1.0f ? (uint32_t)CR_LIMIT_TORQUE : 0u;
     for (int a = 0; a < CR_AXES; a++) {
         out->torque[a] *= scale;
+        CR_ASSERT(!(abs_f(out->torque[a]) > 1.000001f * config->axis[a].torque_max));
     }
     out->force_N = v3_scale(force, scale);
 }
@@ -267,6 +273,7 @@ void cr_control_step(const cr_servo_config *config, cr_control *c, const cr_cont
         out->velocity_m_s = v3_mad(out->velocity_m_s, in->kinematics->column[a], in->speed[a]);
     }
     c->ramp = limit->ramp_s > 0.0f ? min_f(1.0f, c->ramp + in->period_s / limit->ramp_s) : 1.0f;
+    CR_ASSERT(!(c->ramp < 0.0f || c->ramp > 1.0f));
     observe(limit, c, in, out->velocity_m_s);
     cr_vec3 force = damp(limit, in->contact_force_N, out->velocity_m_s);
     force = dissipate(limit, c, in, out->velocity_m_s, force, &out->limits);

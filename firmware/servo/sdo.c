@@ -130,6 +130,7 @@ static int is_asked(const cr_bus *bus, const sdo_step *step) {
 static void note_object(cr_bus *bus, const sdo_step *step) { bus->sdo_object = (uint32_t)step->index << 8 | step->sub; }
 
 static void next_step(cr_bus *bus) {
+    CR_ASSERT(bus->sdo_axis < CR_AXES && bus->sdo_step < step_count(bus->sdo_axis) && bus->sdo_waiting == 0u);
     bus->sdo_reading = 0u;
     bus->sdo_step++;
     if (bus->sdo_step == step_count(bus->sdo_axis)) {

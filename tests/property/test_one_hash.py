@@ -29,17 +29,19 @@ BUILDS = [
     "gcc -O3 -march=native",
     "clang -O3 -march=native",
     "gcc -O2 -DCR_SCALAR=1",
+    "gcc -O2 -DCR_ASSERTS=1",
 ]
-"""Of what ships."""
+"""Of what ships; the last one stops where something inside does not hold."""
 RIVAL_BUILDS = [
     f"{build} {WITH_RIVALS}"
-    for build in ("gcc -O3 -march=native", "clang -O2", "gcc -O2 -DCR_SCALAR=1")
+    for build in ("gcc -O3 -march=native", "clang -O2", "gcc -O2 -DCR_SCALAR=1 -DCR_ASSERTS=1")
 ]
 REFERENCE, RIVAL_REFERENCE = "gcc -O0 -g", f"gcc -O0 {WITH_RIVALS}"
 
 Inputs = tuple[bytes, npt.NDArray[np.float32]]
 """A scene image and rows of a path."""
 RIVALS_C = list((ROOT / "firmware/rivals").glob("*.c"))
+ASSERT_FAILED_C = ROOT / "firmware/port/linux/assert_failed.c"
 
 
 def build(folder: Path, options: str) -> Path:
@@ -50,6 +52,7 @@ def build(folder: Path, options: str) -> Path:
         *(ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")),
         *FIRMWARE_C,
         *(RIVALS_C if WITH_RIVALS in levels else ()),
+        *([ASSERT_FAILED_C] if "-DCR_ASSERTS=1" in levels else ()),
     ]
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
     subprocess.run(
