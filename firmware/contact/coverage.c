@@ -47,9 +47,7 @@ float cr_cover_by_planes(const cr_planes *p, const struct cr_img_cluster *c, int
             continue; /* all of it is below: the width is at most two ramps */
         }
         const cr_vec3 n = p->normal_tool[k];
-        float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
-        float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-        share *= share_below(height[k], sqrtf(max_f(0.0f, width2)), 2.0f * ramp);
+        share *= share_below(height[k], piece_width(c, i, n), 2.0f * ramp);
     }
     /* Beside an edge the distance is longer than the heights: fade out late, where it comes near the ramp. */
     if (distance > top) {
@@ -81,7 +79,7 @@ void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct 
     cr_planes planes;
     planes.kind = planes.count = 0u;
     planes.sign = 1.0f;
-    for (uint32_t over = at->from_facet & ((1u << c->count) - 1u); over != 0u;) {
+    for (uint32_t over = at->from_facet & first_lanes(c->count); over != 0u;) {
         int i = take_lane(&over);
         if (!(abs_f(at->phi_m[i]) < c->ramp[i])) {
             continue;

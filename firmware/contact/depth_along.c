@@ -85,7 +85,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
             if (CR_SCALAR && !has_lane(lanes, i)) {
                 continue;
             }
-            const float h = q->normal.x * c->x[i] + q->normal.y * c->y[i] + q->normal.z * c->z[i] + q->offset_m;
+            const float h = height_above(c, i, q->normal, q->offset_m);
             height[i] = h;
             steep[i] = h < 0.0f || q->sure != 0u ? leaves : NO_PLANE;
         }

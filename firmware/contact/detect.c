@@ -114,7 +114,7 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
 
 /* The hit of a cluster with covered lanes, and what it is inside of. */
 static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane) {
-    const int whole = l->full == (1u << l->c->count) - 1u;
+    const int whole = l->full == first_lanes(l->c->count);
 #ifdef CR_RIVALS
     if (w->options->touches && whole) {
         take_whole(w, l->cluster, b, lane);
@@ -146,9 +146,14 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
 }
 
+/* Lanes whose piece may be inside where its middle is not: creases that come near, and covered faces. */
+static uint32_t find_near(const struct cr_img_cluster *c, uint32_t reached, uint32_t covered, uint32_t inside) {
+    return (reached & c->crease_mask) | (covered & ~inside & ~(uint32_t)(c->crease_mask | c->vertex_mask));
+}
+
 static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
-    const uint32_t used = (1u << c->count) - 1u;
+    const uint32_t used = first_lanes(c->count);
     cr_lanes3 world;
     cr_lookup at;
     float coverage[CR_LANES];
@@ -166,26 +171,26 @@ static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int la
     if (covered == 0u) {
         return max_f(0.0f, smallest_clearance(c, at.phi_m, w->slack_out_m));
     }
-    near = (near & c->crease_mask) | (covered & outside & ~(c->crease_mask | c->vertex_mask));
+    near = find_near(c, near, covered, ~outside);
     const cr_looked l = {cluster, c, &world, &at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
     take_points(w, &l, b, lane);
     return 0.0f;
 }
 
 /* Coverage of a lane that planes cut, in the mode of the options, and its distance. */
-static float cover_cut_lane(const walk *w, const cr_looked *l, int i, float *phi_m) {
-    const cr_planes *p = l->planes;
-    const float top = l->heights->top_m[i];
+static float cover_cut_lane(const walk *w, const struct cr_img_cluster *c, const cr_planes *p, const cr_heights *h,
+                            int i, float *phi_m) {
+    const float top = h->top_m[i];
     float height[CR_KIND_FACETS_MAX], distance = top, share = (float)(top <= 0.0f);
     height[0] = top;
     if (p->count > 1u) {
         for (uint32_t k = 0; k < p->count; k++) {
-            height[k] = l->heights->height_m[k][i];
+            height[k] = h->height_m[k][i];
         }
         distance = cr_planes_distance(p, height, top);
     }
     if (w->options->coverage != CR_COVERAGE_HARD) {
-        share = cr_cover_by_planes(p, l->c, i, height, top, distance);
+        share = cr_cover_by_planes(p, c, i, height, top, distance);
     }
     *phi_m = distance * p->sign;
     return p->sign < 0.0f ? 1.0f - share : share;
@@ -210,7 +215,7 @@ static int asks_for_each(const walk *w) {
 
 static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
-    const uint32_t used = (1u << c->count) - 1u;
+    const uint32_t used = first_lanes(c->count);
     cr_heights h;
     cr_planes one;
     float coverage[CR_LANES];
@@ -218,14 +223,13 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     const cr_planes *p = each ? w->planes : cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
     cr_planes_measure(p, c, &h);
     uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
-    cr_looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, 0u, 0u, 0u, 0u};
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
     for (uint32_t left = h.cut & used; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;
-        coverage[i] = cover_cut_lane(w, &l, i, &phi_m);
+        coverage[i] = cover_cut_lane(w, c, p, &h, i, &phi_m);
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
         inside |= (uint32_t)(phi_m <= 0.0f) << i;
@@ -237,10 +241,8 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
         }
         return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
     }
-    l.covered = covered;
-    l.full = full;
-    l.inside = inside;
-    l.near = (near & c->crease_mask) | (covered & ~inside & ~(c->crease_mask | c->vertex_mask));
+    near = find_near(c, near, covered, inside);
+    const cr_looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, covered, full, inside, near};
     take_points(w, &l, b, lane);
     return 0.0f;
 }
@@ -262,7 +264,7 @@ static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane)
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
 static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t group) {
-    uint32_t mask = (1u << g->count) - 1u;
+    uint32_t mask = first_lanes(g->count);
     if (!(w->options->skip & CR_SKIP_COHERENCE)) {
         return mask;
     }
@@ -323,7 +325,7 @@ static void look_up_waiting(walk *w) {
     s->spent++;
     w->stats->nodes += count;
     cr_lanes_to_world(w->pose, b->world.x, b->world.y, b->world.z, &b->world);
-    cr_field_look_up_lanes(w->field, &b->world, (1u << count) - 1u, &b->centres);
+    cr_field_look_up_lanes(w->field, &b->world, first_lanes(count), &b->centres);
     s->looked_up = count;
     s->visited = 0u;
 }
@@ -464,7 +466,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         }
     }
     planes.kind = 0u;
-    w.apart_m = max_f(field->scene->meta->crease_m, 2.0f * field->scene->meta->ramp_max_m);
+    w.apart_m = apart_of(field->scene->meta);
     if (!search->open) {
         enter_group(&w, 0u);
     }

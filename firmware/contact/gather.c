@@ -110,13 +110,13 @@ int cr_way_planes(const cr_field *f, const xform *pose, const cr_hit *hit, cr_pl
 }
 
 const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c, const cr_planes *p, cr_planes *one) {
-    const float apart_m = max_f(s->meta->crease_m, 2.0f * s->meta->ramp_max_m);
+    const float apart_m = apart_of(s->meta);
     return p->sign < 0.0f ? p : cr_planes_alone(p, v3(c->x[0], c->y[0], c->z[0]), 2.0f * c->radius_m, apart_m, one);
 }
 
 static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
     static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
-    const uint32_t used = (1u << s->clusters[set->hits[hit].cluster].count) - 1u;
+    const uint32_t used = first_lanes(s->clusters[set->hits[hit].cluster].count);
     set->way.layers.count = 0u;
     set->way.layers.near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
     set->way.layers.reach = none;

@@ -47,7 +47,7 @@ typedef struct {
 
 /* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
 static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
-    const float across = cr_way_width(c, i, n), most = 2.0f * c->ramp[i];
+    const float across = piece_width(c, i, n), most = 2.0f * c->ramp[i];
     CR_ASSERT(v3_is_unit_or_zero(n));
     const float width = clamp_f(across, WIDTH_MIN * most, most);
     part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, across};
@@ -305,7 +305,7 @@ cr_vec3 cr_way_heights(const cr_scene *s, const xform *pose, const struct cr_img
     cr_vec3 n;
     const float offset_m = cr_way_plane(s, pose, index, &n);
     for (int i = 0; i < CR_LANES; i++) {
-        height_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset_m;
+        height_m[i] = height_above(c, i, n, offset_m);
     }
     return n;
 }

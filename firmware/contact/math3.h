@@ -47,6 +47,12 @@ static inline int take_lane(uint32_t *lanes) {
 /* Loops over lanes leave out those not asked for where lanes cost one by one (CR_SCALAR); with vectors leaving out costs more. */
 static inline int has_lane(uint32_t lanes, int i) { return (int)((lanes >> i) & 1u); }
 
+/* The first lanes of 16: those in use. */
+static inline uint32_t first_lanes(uint32_t count) {
+    CR_ASSERT(count <= CR_LANES);
+    return (1u << count) - 1u;
+}
+
 static inline uint32_t count_lanes(uint32_t lanes) {
     uint32_t count = 0u;
     for (; lanes != 0u; lanes &= lanes - 1u) {

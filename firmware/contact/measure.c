@@ -202,7 +202,7 @@ static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, ui
 /* Returns whether all of it is done. */
 static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
     const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
-    const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & ((1u << c->count) - 1u);
+    const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & first_lanes(c->count);
     cr_lanes3 *world = &s->scratch->world;
     cr_lookup *look = &s->scratch->look;
     s->work->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;

@@ -166,7 +166,7 @@ static void measure_plane(const cr_planes *p, const struct cr_img_cluster *c, ui
     const float offset = p->offset_m[k];
     uint32_t higher = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        float height = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
+        float height = height_above(c, i, n, offset);
         out->height_m[k][i] = height;
         higher |= (uint32_t)(height > out->top_m[i]) << i;
         out->top_m[i] = higher_f(height, out->top_m[i]);
@@ -182,7 +182,7 @@ void cr_planes_measure(const cr_planes *p, const struct cr_img_cluster *c, cr_he
     const float offset = p->offset_m[0];
     CR_ASSERT(p->count > 0u && p->count <= CR_KIND_FACETS_MAX);
     for (int i = 0; i < CR_LANES; i++) {
-        out->height_m[0][i] = out->top_m[i] = n.x * c->x[i] + n.y * c->y[i] + n.z * c->z[i] + offset;
+        out->height_m[0][i] = out->top_m[i] = height_above(c, i, n, offset);
     }
     out->highest[0] = 0xffffu;
     for (uint32_t k = 1; k < p->count; k++) {

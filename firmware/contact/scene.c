@@ -343,14 +343,12 @@ static cr_err check_tree(const cr_scene *s) {
     return err == CR_OK && (next.group != s->group_count || next.cluster != s->cluster_count) ? CR_ERR_INDEX : err;
 }
 
-static uint32_t lanes_below(uint32_t count) { return count < CR_LANES ? (1u << count) - 1u : 0xffffu; }
-
 /* Does one lane have a ramp for its spacing, a second moment no wider than that, and the area of its vector? */
 static int lane_is_sound(const struct cr_img_meta *m, const struct cr_img_cluster *c, uint32_t i) {
     const float ramp = c->ramp[i], most = LOOSE * 4.0f * ramp * ramp, area = c->area[i];
     const cr_vec3 a = v3(c->ax[i], c->ay[i], c->az[i]);
     const int used = i < c->count;
-    const uint32_t others = used ? lanes_below(c->count) & ~(1u << i) : 0u;
+    const uint32_t others = used ? first_lanes(c->count) & ~(1u << i) : 0u;
     return is_in(ramp, RAMP_MIN * m->spacing_m, LOOSE * m->ramp_max_m + LOOSE_M) && is_in(c->wxx[i], 0.0f, most) &&
            is_in(c->wyy[i], 0.0f, most) && is_in(c->wzz[i], 0.0f, most) && is_in(c->wxy[i], -most, most) &&
            is_in(c->wyz[i], -most, most) && is_in(c->wzx[i], -most, most) && is_in(area, 0.0f, VALUE_MAX) &&
@@ -369,14 +367,14 @@ static int pieces_are_sound(const struct cr_img_meta *m, const struct cr_img_clu
         }
         lanes |= c->piece_lanes[i];
     }
-    return lanes == lanes_below(c->count) && c->piece[0] != CR_PIECE_NONE && c->piece[0] != c->piece[1];
+    return lanes == first_lanes(c->count) && c->piece[0] != CR_PIECE_NONE && c->piece[0] != c->piece[1];
 }
 
 static int cluster_is_sound(const cr_scene *s, uint32_t index) {
     const struct cr_img_cluster *c = &s->clusters[index];
     const cr_vec3 n = v3_from(c->normal);
     if (c->count < 1u || c->count > CR_LANES || !floats_are_finite(c->x, (size_t)6u * CR_LANES) ||
-        ((c->vertex_mask | c->crease_mask) & ~lanes_below(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
+        ((c->vertex_mask | c->crease_mask) & ~first_lanes(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
         !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !is_in(c->radius_m, 0.0f, VALUE_MAX) ||
         !pieces_are_sound(s->meta, c)) {
         return 0;
@@ -417,8 +415,8 @@ static cr_err check_neighbours(const cr_scene *s, uint32_t cluster) {
             return CR_ERR_INDEX;
         }
         const uint32_t mine = n->mine, theirs = n->theirs;
-        if (mine == 0u || theirs == 0u || (mine & ~lanes_below(s->clusters[cluster].count)) != 0u ||
-            (theirs & ~lanes_below(s->clusters[n->cluster].count)) != 0u) {
+        if (mine == 0u || theirs == 0u || (mine & ~first_lanes(s->clusters[cluster].count)) != 0u ||
+            (theirs & ~first_lanes(s->clusters[n->cluster].count)) != 0u) {
             return CR_ERR_VALUE;
         }
     }

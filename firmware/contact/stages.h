@@ -229,6 +229,21 @@ cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats);
 void cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
                 const cr_looked *looked);
 
+/* Height of a sample above the plane normal . p + offset, m. */
+static inline float height_above(const struct cr_img_cluster *c, int i, cr_vec3 normal, float offset_m) {
+    return normal.x * c->x[i] + normal.y * c->y[i] + normal.z * c->z[i] + offset_m;
+}
+
+/* Width over which the height above a plane varies across a sample's piece, m. The normal has length 1. */
+static inline float piece_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
+    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
+    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
+    return sqrtf(higher_f(0.0f, width2));
+}
+
+/* Planes that are so much lower than another do not matter to a sample, m. */
+static inline float apart_of(const struct cr_img_meta *m) { return max_f(m->crease_m, 2.0f * m->ramp_max_m); }
+
 /* W v for one lane: the spread of its piece along v. */
 static inline cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec3 v) {
     return v3(c->wxx[i] * v.x + c->wxy[i] * v.y + c->wzx[i] * v.z, c->wxy[i] * v.x + c->wyy[i] * v.y + c->wyz[i] * v.z,

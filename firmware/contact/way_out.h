@@ -12,16 +12,9 @@
 /* A piece of face is taken to reach at most this many half-widths from its middle. */
 #define CR_WAY_REACH 1.82f
 
-/* Width over which the height above a plane varies across a sample's piece, m. The normal has length 1. */
-static inline float cr_way_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
-    const float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
-    const float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-    return sqrtf(higher_f(0.0f, width2));
-}
-
 /* How far it varies from the middle of the piece to its end, m. */
 static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
-    return 0.5f * CR_WAY_REACH * cr_way_width(c, i, n) + c->reach[i];
+    return 0.5f * CR_WAY_REACH * piece_width(c, i, n) + c->reach[i];
 }
 
 /* Purpose  zone of a key, or CR_WAY_NONE. */

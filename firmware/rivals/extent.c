@@ -92,7 +92,7 @@ static float support_of_cluster(const cr_respond_input *in, const cr_hit *hit, u
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(in->field, &world, hit->inside, &at);
-    for (uint32_t left = hit->inside & ((1u << c->count) - 1u); left != 0u;) {
+    for (uint32_t left = hit->inside & first_lanes(c->count); left != 0u;) {
         int i = take_lane(&left);
         if (abs_f(at.phi_m[i]) < s->meta->band_m && lane_is_on(in->field, &at, i, patch)) {
             cr_vec3 q = v3_mad(lane_of(&world, i), v3(at.gx[i], at.gy[i], at.gz[i]), -at.phi_m[i]);

@@ -173,7 +173,7 @@ static float lowest_inside(const cr_respond_input *in, const cr_hit *hit, const 
 static uint32_t find_low_pieces(const struct cr_img_cluster *c, const cr_hit *hit, const probe *d, float best) {
     const cr_vec3 n = d->n_tool;
     uint32_t lanes = 0u;
-    for (uint32_t left = hit->near & ((1u << c->count) - 1u); left != 0u;) {
+    for (uint32_t left = hit->near & first_lanes(c->count); left != 0u;) {
         const int i = take_lane(&left);
         float height = c->x[i] * n.x + c->y[i] * n.y + c->z[i] * n.z + d->shift_m;
         if (height - 1.001f * c->ramp[i] >= best) {

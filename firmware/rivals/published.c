@@ -56,7 +56,7 @@ static float published_lowest(const cr_respond_input *in, uint32_t area, const c
         const struct cr_img_cluster *c = &in->field->scene->clusters[hit->cluster];
         cr_lanes3 world;
         cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
-        uint32_t lanes = ((1u << c->count) - 1u) & (in->config->vertices_only ? c->vertex_mask : 0xffffu);
+        uint32_t lanes = first_lanes(c->count) & (in->config->vertices_only ? c->vertex_mask : 0xffffu);
         while (lanes != 0u) {
             cr_vec3 p = lane_of(&world, take_lane(&lanes));
             float height = v3_dot(n, p);
