@@ -10,11 +10,13 @@
 #define STEEP 0.5f
 #define STEEP_CURVED 0.95f
 #define STEEP_MIN_CURVED 0.7f
-/* Share of curved zones in a half-space from which on they count in full. */
+/* Share of curved zones in a half-space from which on they count in full. By their share alone (1): 279 mm of jumps instead of 264 on 459 random slow paths;
+ * at once (0): 149 instead of 154 of 175 random poses deep inside are cleared. */
 #define CURVED 0.25f
-/* Most steps of a march, each as long as the distance. */
+/* Most steps of a march, each as long as the distance. Without it a case of tests/property/test_found_by_stress.py jumps by 7.1 mm; with 6, 52 of 92 random poses
+ * deep inside are cleared instead of 59. */
 #define MARCH_STEPS 12
-/* A march ends this near the surface, as a share of the sample's reach. */
+/* A march ends this near the surface, as a share of the sample's reach. Without it marches take 44,000 lookups on 576 random poses instead of 28,000. */
 #define MARCH_END 0.02f
 
 #define NEVER_M 3.0e38f

@@ -451,6 +451,24 @@ static void resolve_pushes_no_contact_beyond_its_depth(void **state) {
     assert_true(push[0] == 1e-3f && push[1] == 2e-3f && push[2] == 0.0f); /* led out of by the two already */
 }
 
+/* Half-spaces of one direction share their moment; one that does not push, whose arm is a moment over next to no force, has no part in it. */
+static void what_does_not_push_turns_nothing(void **state) {
+    (void)state;
+    static cr_way_relations relations;
+    static cr_way_half half[3];
+    relations.half_count = 3u;
+    for (int h = 0; h < 3; h++) {
+        half[h].normal = v3(0.0f, 0.0f, 1.0f);
+        half[h].weight_m3 = half[h].led_m3 = 1e-9f;
+        half[h].open = h < 2 ? 1.0f : 0.0f;
+        half[h].arm_m = v3(h < 2 ? (float)h : 1e6f, 0.0f, 0.0f);
+    }
+    cr_way_agree(&relations, half);
+    for (int h = 0; h < 2; h++) {
+        assert_true(fabsf(half[h].arm_m.x - 0.5f) < 1e-6f);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(wall_pushes_by_its_depth),
@@ -468,6 +486,7 @@ int main(void) {
         cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),
         cmocka_unit_test(resolve_pushes_no_contact_beyond_its_depth),
+        cmocka_unit_test(what_does_not_push_turns_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
