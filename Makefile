@@ -296,8 +296,8 @@ coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp coverage
 	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/check tests/host/test_units.py,tests)
 
-# The long one reaches nothing that the others do not; what is covered is what ships, not what was built with rivals beside it.
-COVERING := $(filter-out test_soak $(RIVAL_TESTS),$(TEST_NAMES))
+# The long one, and the one of two threads, reach nothing that the others do not; what is covered is what ships, not what was built with rivals beside it.
+COVERING := $(filter-out test_soak test_two_threads $(RIVAL_TESTS),$(TEST_NAMES))
 
 coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage

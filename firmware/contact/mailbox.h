@@ -16,7 +16,7 @@
 #ifndef CR_MAILBOX_STEP
 #define CR_MAILBOX_STEP()
 #endif
-#define CR_MAILBOX_TRIES 4u
+#define CR_MAILBOX_TRIES 2u
 
 /* Purpose  put count words of a letter as the newest.   Shapes  place[2][count].   Errors  none.   Cost  O(count), no waiting. */
 static inline void cr_mailbox_put(_Atomic uint32_t *put, _Atomic uint32_t *place, const void *letter, uint32_t count) {
@@ -38,11 +38,12 @@ static inline void cr_mailbox_put(_Atomic uint32_t *put, _Atomic uint32_t *place
  *          holds anything, *seen stays.   Cost  O(count), TRIES times at most. */
 static inline int cr_mailbox_take(const _Atomic uint32_t *put, const _Atomic uint32_t *place, void *letter,
                                   uint32_t count, uint32_t *seen) {
-    for (uint32_t tries = 0; tries < CR_MAILBOX_TRIES; tries++) {
+    int whole = 0;
+    for (uint32_t tries = 0; tries < CR_MAILBOX_TRIES && !whole; tries++) {
         CR_MAILBOX_STEP();
         const uint32_t before = atomic_load_explicit(put, memory_order_acquire);
         if (before == *seen) {
-            return 0;
+            break;
         }
         const _Atomic uint32_t *from = &place[(size_t)(before & 1u) * count];
         for (uint32_t i = 0; i < count; i++) {
@@ -52,12 +53,10 @@ static inline int cr_mailbox_take(const _Atomic uint32_t *put, const _Atomic uin
         }
         atomic_thread_fence(memory_order_acquire);
         CR_MAILBOX_STEP();
-        if (atomic_load_explicit(put, memory_order_relaxed) == before) {
-            *seen = before;
-            return 1;
-        }
+        whole = atomic_load_explicit(put, memory_order_relaxed) == before;
+        *seen = whole ? before : *seen;
     }
-    return 0;
+    return whole;
 }
 
 #endif

@@ -1,4 +1,4 @@
-/* cr_search and cr_feel: the letters between them under every interleaving, what is felt whatever their rates, and both in threads of their own. */
+/* cr_search and cr_feel: the letters between them under every interleaving, and what is felt whatever their rates. */
 #include <stdint.h>
 static void step(void);
 #define CR_MAILBOX_STEP() step()
@@ -6,10 +6,8 @@ static void step(void);
 #include "image_builder.h"
 
 #include <math.h>
-#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
-#include <stdatomic.h>
 #include <stddef.h>
 #include <string.h>
 #include <ucontext.h>
@@ -41,7 +39,7 @@ static struct {
     uint32_t put_whole; /* letters that are there */
     uint32_t taken, least,
         disturbed; /* by the reader: the last letter, how old it may be, steps of the writer meanwhile */
-    uint32_t whole_takes, empty_takes, torn;
+    uint32_t whole_takes, given_up, torn;
 } run;
 static uint8_t stacks[SIDES][STACK_BYTES] __attribute__((aligned(16)));
 
@@ -74,7 +72,7 @@ static void read_letters(void) {
         } else {
             /* nothing new, or disturbed at least once in each try */
             run.torn += run.least > run.taken && run.disturbed < CR_MAILBOX_TRIES;
-            run.empty_takes++;
+            run.given_up += run.least > run.taken;
         }
     }
     run.active[READER] = 0;
@@ -120,13 +118,13 @@ static uint32_t run_once(uint8_t *side, uint32_t given) {
 static void mailbox_letters_are_whole_and_newest_whoever_goes_first(void **state) {
     (void)state;
     uint8_t side[STEPS_MAX];
-    uint32_t given = 0u, runs = 0u, torn = 0u, whole = 0u, empty = 0u;
+    uint32_t given = 0u, runs = 0u, torn = 0u, whole = 0u, given_up = 0u;
     for (int more = 1; more;) {
         uint32_t choices = run_once(side, given);
         runs++;
         torn += run.torn;
         whole += run.whole_takes;
-        empty += run.empty_takes;
+        given_up += run.given_up;
         /* the next one in order: the last turn of the writer is given to the reader */
         while (choices > 0u && side[choices - 1u] == READER) {
             choices--;
@@ -137,8 +135,9 @@ static void mailbox_letters_are_whole_and_newest_whoever_goes_first(void **state
             given = choices;
         }
     }
+    print_message("%u runs, %u letters taken, %u readings given up\n", runs, whole, given_up);
     assert_int_equal(torn, 0u);
-    assert_true(runs > 10000u && whole > runs && empty > 0u);
+    assert_true(runs > 10000u && whole > 10000u && given_up > 0u);
 }
 
 /* ------------------------------------------------------------------------------------------------------------- rates */
@@ -257,40 +256,6 @@ static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
     assert_float_equal(feel(&wall, &pose).force_world_N.z, STIFFNESS_N_M * 1e-3f, ROUNDING_N);
 }
 
-/* ----------------------------------------------------------------------------------------------------------- threads */
-
-static _Atomic int ended;
-
-static void *search_on(void *rig) {
-    while (!atomic_load(&ended)) {
-        (void)cr_search(((const crt_rig *)rig)->world, 40u);
-    }
-    return NULL;
-}
-
-static void feel_and_search_in_two_threads_answer_the_pose_at_hand(void **state) {
-    (void)state;
-    restart(&wall);
-    pthread_t thread;
-    uint32_t felt = 0u, answers = 0u, before = 0u;
-    atomic_store(&ended, 0);
-    assert_int_equal(pthread_create(&thread, NULL, search_on, &wall), 0);
-    for (int i = 0; i < 1000000 && answers < 2000u; i++) {
-        const double depth = 1e-3 + 0.5e-3 * sin(1e-3 * i);
-        const cr_pose pose = pressed(depth);
-        const cr_output out = feel(&wall, &pose);
-        felt += out.area_count > 0u;
-        answers += out.stats.late_ticks <= before;
-        before = out.stats.late_ticks;
-        if (felt > 0u) {
-            assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * (float)depth, ROUNDING_N);
-        }
-    }
-    atomic_store(&ended, 1);
-    assert_int_equal(pthread_join(thread, NULL), 0);
-    assert_true(felt > 100u && answers > 20u);
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(mailbox_letters_are_whole_and_newest_whoever_goes_first),
@@ -298,7 +263,6 @@ int main(void) {
         cmocka_unit_test(feel_at_rest_is_the_tick_whatever_the_slice),
         cmocka_unit_test(feel_of_a_wall_is_that_of_the_pose_at_any_rate),
         cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
-        cmocka_unit_test(feel_and_search_in_two_threads_answer_the_pose_at_hand),
     };
     return cmocka_run_group_tests(tests, open_rigs, close_rigs);
 }
