@@ -226,7 +226,7 @@ static void feel_of_a_wall_is_that_of_the_pose_at_any_rate(void **state) {
             const double depth = 1e-3 + 0.5e-3 * sin(0.01 * i);
             const cr_pose pose = pressed(depth);
             const cr_output out = feel(&wall, &pose);
-            for (uint32_t n = 0; n < (rate == 0u ? (i % 10 == 0) : rate == 1u ? 1u : 10u); n++) {
+            for (uint32_t n = 0; n < (rate == 0u ? (uint32_t)(i % 10 == 0) : rate == 1u ? 1u : 10u); n++) {
                 (void)cr_search(wall.world, 48u);
             }
             felt += out.area_count > 0u;
