@@ -231,7 +231,8 @@ void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr
 uint32_t cr_search(cr_world *world, uint32_t work);
 
 /* Purpose  the other part: the wrench at a pose, of the newest contact that cr_search found; as cr_tick otherwise.
- * Output   as a tick that answers late: stats.late_ticks counts feels, areas have no zones, stats tell nothing of the search.
+ * Output   as a tick that answers late: stats.late_ticks counts feels, areas have no zones, stats tell nothing of the search. Nothing ends a contact
+ *          that nobody searches for any more: what late_ticks is too many is the caller's to say.
  * Cost     whatever the scene, whatever is searched: README.md. */
 void cr_feel(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
 

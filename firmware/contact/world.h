@@ -51,7 +51,7 @@ struct cr_world {
     uint32_t searched_stamp, searched_memory; /* of the one that is searched at: motion.last */
     uint32_t found;                           /* 1: at its end, and not answered yet */
     uint32_t answering;                       /* 1: the answer has begun */
-    cr_hand made;                             /* the last answer, by cr_descent */
+    cr_hand made;                             /* the last answer, by cr_search */
     cr_contact_set set;
     cr_way_work way;
 #ifdef CR_RIVALS
