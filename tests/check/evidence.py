@@ -165,7 +165,7 @@ def misra_table() -> str:
     )
 
 
-SMALL = "scene.c"
+AT_SET_UP = "scene.c"
 """What firmware/port/cortex-m7/device.mk builds for size: it runs at set-up only."""
 
 
@@ -183,7 +183,7 @@ def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> li
     defines = [f"-D{setting}" for setting in settings]
     sources = sorted(p for room in ("contact", "servo") for p in (FIRMWARE / room).glob("*.c"))
     for source in sources:
-        level = ("-Os",) if source.name == SMALL else ()
+        level = ("-Os",) if source.name == AT_SET_UP else ()
         call(["arm-none-eabi-gcc", *options, *level, *defines, "-c", source], folder)
     total = call(["arm-none-eabi-size", "-t", *sorted(folder.glob("*.o"))]).splitlines()[-1].split()
     allowed = {

@@ -4,11 +4,13 @@
 
 #include <math.h>
 #include <pthread.h>
+#include <sched.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stddef.h>
 #include <string.h>
+#include <time.h>
 
 #include <cmocka.h>
 
@@ -16,6 +18,9 @@
 #define STIFFNESS_N_M 1000.0f
 /* The distances of the image are rounded to this, and the force with them. */
 #define ROUNDING_N 2e-3f
+
+/* How long the other thread may take for its answers on a busy machine. */
+#define PATIENCE_S 60
 
 static crt_rig wall;
 
@@ -50,7 +55,8 @@ static void feel_and_search_in_two_threads_answer_the_pose_at_hand(void **state)
     uint32_t felt = 0u, answers = 0u, before = 0u;
     atomic_store(&ended, 0);
     assert_int_equal(pthread_create(&thread, NULL, search_on, &wall), 0);
-    for (int i = 0; i < 1000000 && answers < 2000u; i++) {
+    const time_t until = time(NULL) + PATIENCE_S;
+    for (int i = 0; answers < 2000u && time(NULL) < until; i++) {
         const double depth = 1e-3 + 0.5e-3 * sin(1e-3 * i);
         const cr_pose pose = crt_pose(0.0, 0.0, HALF_M - depth);
         cr_output out;
@@ -58,13 +64,16 @@ static void feel_and_search_in_two_threads_answer_the_pose_at_hand(void **state)
         felt += out.area_count > 0u;
         answers += out.stats.late_ticks <= before;
         before = out.stats.late_ticks;
+        if (before > 100u) {
+            sched_yield(); /* one processor for both */
+        }
         if (felt > 0u) {
             assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * (float)depth, ROUNDING_N);
         }
     }
     atomic_store(&ended, 1);
     assert_int_equal(pthread_join(thread, NULL), 0);
-    assert_true(felt > 100u && answers > 20u);
+    assert_true(felt > 100u && answers == 2000u);
 }
 
 int main(void) {
