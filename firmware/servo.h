@@ -1,11 +1,13 @@
 /* servo: one period of the device. Frames of the motor bus in, frames of the motor bus out.
  *
- * Flow     cr_servo_init; then each period: cr_servo_sync -> send; cr_servo_rx for what arrives; cr_servo_tick -> send.
+ * Flow     cr_servo_init; then each period: cr_servo_sync -> send; cr_servo_rx for what arrives; cr_servo_tick -> send; with late_max_ticks above 0
+ *          also cr_servo_search, in a thread of its own or wherever the loop waits.
  *          SYNC k samples the drives; the torque computed from that sample acts from SYNC k+1 to SYNC k+2.
  * Memory   the caller's: cr_servo_size bytes, 64-byte aligned. Holds the servo and its world. No heap.
- * Threads  none inside: all calls from the one thread of the loop, except the reading end of the record ring.
+ * Threads  none inside: all calls from the one thread of the loop, except the reading end of the record ring and cr_servo_search.
  * Time     an argument: nanoseconds of any clock that only goes forward. No clock, no I/O, no globals: outputs are a pure
- *          function of (scene, config, sequence of calls), so that a recording re-runs to the bit.
+ *          function of (scene, config, sequence of calls), so that a recording re-runs to the bit; when contact was found beside the ticks as well, since
+ *          each record tells how old it was.
  * Units    SI. Axis 0 is the guide (m, N), axes 1 and 2 the arm (rad, N m): "joint unit" is m or rad, "joint torque" N or N m.
  * Trouble  a limit reduces the torque, keeps running and is counted; a fault commands zero torque in the same tick and
  *          latches until CR_COMMAND_CLEAR. Every number on the bus and in the record is finite.
@@ -97,7 +99,11 @@ typedef struct {
     float period_s;       /* nominal; 0.2e-3..0.1 */
     float overrun_s;      /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
     float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
+    /* 0: a tick searches for contact itself, as cr_tick. Else cr_servo_search does, beside the ticks, and contact of a pose so
+     * many ticks ago may be felt; older is not, and is a fault while rendering. Up to CR_LATE_MAX. */
+    uint32_t late_max_ticks;
 } cr_servo_config;
+#define CR_LATE_MAX 255u
 
 /* Purpose  the LHifAM of sim/DESIGN.md. Every number of it is assumed, none is measured on a device. */
 cr_servo_config cr_servo_config_default(void);
@@ -210,9 +216,10 @@ enum {
     CR_FAULT_BUS_OFF = 8192u,   /* the bus cannot be reached */
     CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
     CR_FAULT_STUCK = 32768u, /* an encoder did not move, to the bit, while the torque on it and the other joints did */
-    CR_FAULT_MISMATCH = 65536u /* a drive is of another make, rating or limit, or did not keep what was written */
+    CR_FAULT_MISMATCH = 65536u, /* a drive is of another make, rating or limit, or did not keep what was written */
+    CR_FAULT_LATE = 131072u     /* the search for contact has not answered for longer than late_max_ticks */
 };
-#define CR_FAULT_COUNT 17
+#define CR_FAULT_COUNT 18
 
 /* Purpose  lower-case name of a mode, of one limit bit, of one fault bit.   Output  static text, never null. */
 const char *cr_mode_text(uint32_t mode);
@@ -273,12 +280,15 @@ typedef struct {
     uint32_t sdo_object;            /* index << 8 | sub that the last fault sdo or mismatch is about */
     uint32_t sdo_found, sdo_wanted; /* with CR_FAULT_MISMATCH */
     uint32_t sdo_abort;             /* with CR_FAULT_SDO: CiA 301 abort code, 0xffffffff for no answer */
-    uint32_t spare[2];              /* 0 */
+    uint32_t contact_late_ticks;    /* age of the contact felt, see below; CR_NOT_FELT in ticks that asked for none */
+    uint32_t spare;                 /* 0 */
     /* of the port, not of the servo: not compared by a re-run */
     uint32_t wake_late_ns; /* start of the period after its time */
     uint32_t tick_ns;      /* cost of the tick */
 } cr_record;
 #define CR_RECORD_BYTES 512
+/* contact_late_ticks counts felt poses since the one whose contact it is; late_max_ticks + 1: too old, nothing was felt. */
+#define CR_NOT_FELT 0xffffffffu
 
 /* Head of a recording file; cr_servo_config follows, then records from records_at on. */
 typedef struct {
@@ -286,7 +296,7 @@ typedef struct {
     uint32_t version, record_bytes, config_bytes, records_at;
     uint32_t scene_crc32, scene_bytes;
 } cr_record_head;
-#define CR_RECORD_VERSION 4u
+#define CR_RECORD_VERSION 5u
 #define CR_RECORDS_AT 1024u
 
 /* Purpose  first bytes of a recording file.   Shapes  out[CR_RECORDS_AT], all written. */
@@ -341,8 +351,13 @@ void cr_servo_rx(cr_servo *servo, const cr_frame *frame);
 /* Purpose  the tick: frames -> drive states -> joints -> pose -> wrench -> torques -> frames.
  * Units    period_s: time since the last tick, within a factor of two of config.period_s.
  * Output   *tx: the torque frame first, then whatever else is due. Finite, within the limits.
- * Errors   none: see faults and counters.   Cost  cr_tick plus about 1 us. */
+ * Errors   none: see faults and counters.   Cost  cr_tick, or cr_feel with late_max_ticks, plus about 1 us. */
 void cr_servo_tick(cr_servo *servo, uint64_t now_ns, float period_s, cr_tx *tx);
+
+/* Purpose  with late_max_ticks above 0: one slice of the search for contact at the newest pose, beside the ticks.
+ * Units    work: as of cr_search.   Output  work done; 0: nothing to do before the next tick.
+ * Threads  one other thread, or the thread of the loop where it would wait. Neither waits for the other. */
+uint32_t cr_servo_search(cr_servo *servo, uint32_t work);
 
 /* Purpose  CR_COMMAND_* and CR_INPUT_* bits for the next tick. START counts in idle only, CLEAR in fault only. */
 void cr_servo_input(cr_servo *servo, uint32_t bits);
@@ -356,14 +371,15 @@ const cr_record *cr_servo_get_record(const cr_servo *servo);
 const cr_output *cr_servo_get_output(const cr_servo *servo);
 
 typedef struct {
-    uint32_t records;   /* re-run */
-    uint32_t different; /* of these, not the same to the bit in every output field */
-    uint32_t first;     /* tick of the first of them */
-    uint32_t gap;       /* 1: a record is missing before `first`; re-running stopped there */
+    uint32_t records;               /* re-run */
+    uint32_t different;             /* of these, not the same to the bit in every output field */
+    uint32_t first;                 /* tick of the first of them */
+    uint32_t gap;                   /* 1: a record is missing before `first`; re-running stopped there */
+    cr_pose felt[CR_LATE_MAX + 1u]; /* the last poses, for contact that was searched beside the ticks */
 } cr_rerun;
 
 /* Purpose  feed the inputs of recorded ticks to a fresh servo and compare every output.
- * Shapes   records[count], the first one is the servo's first tick.   Output  *result is added to, so that a long file can
+ * Shapes   records[count], the first one is the servo's first tick.   Output  *result, zeros at first, is added to, so that a long file can
  *          come in pieces; out[count], when not null, gets the records of the re-run.
  * Errors   NULL. */
 cr_err cr_servo_rerun(cr_servo *servo, const cr_record *records, size_t count, cr_rerun *result, cr_record *out);

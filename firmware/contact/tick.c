@@ -1,6 +1,9 @@
 /* tick: pose in, wrench out, by search and feel: in one call, or each in its own time. */
 #include "contact/world.h"
 
+/* More than any answer takes. */
+#define ANSWER_WORK (1u << 30)
+
 void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     const cr_slice slice = {.work = w->config.lookups_max, .slices_max = CR_SEARCH_TICKS_MAX};
     if (cr_accept(w, world_from_tool, period_s, out)) {
@@ -25,14 +28,22 @@ uint32_t cr_search(cr_world *w, uint32_t work) {
     return stats.work > 0u ? stats.work : 1u;
 }
 
+void cr_answer(cr_world *w, const cr_felt *at) {
+    cr_mailbox_put(&w->poses, w->pose_words, at, CR_WORDS_OF(cr_felt));
+    while (cr_search(w, ANSWER_WORK) > 0u) {
+        /* to its end */
+    }
+}
+
 void cr_feel(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     cr_hand newest;
     if (cr_accept(w, world_from_tool, period_s, out)) {
-        cr_mailbox_put(&w->poses, w->pose_words, &w->felt, CR_WORDS_OF(cr_felt));
+        /* taken first: an answer is of an earlier feel, never of this one, however fast the search */
         if (cr_mailbox_take(&w->hands, w->hand_words, &newest, CR_WORDS_OF(cr_hand), &w->hands_seen) &&
             newest.at.memory == w->felt.memory) {
             w->hand = newest;
         }
+        cr_mailbox_put(&w->poses, w->pose_words, &w->felt, CR_WORDS_OF(cr_felt));
         cr_render(w, period_s, 0, out);
     }
 }

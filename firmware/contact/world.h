@@ -75,6 +75,9 @@ void cr_drop_search(cr_world *w);
 int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, cr_hand *hand, cr_area *areas,
                     cr_stats *stats);
 
+/* Purpose  search to the end at a pose that was felt: the next cr_feel takes the answer. For running a recording again.   Cost  as an answer takes. */
+void cr_answer(cr_world *w, const cr_felt *at);
+
 /* Purpose  check a pose and take it for the next to be felt.   Output  1, or 0 with a fault latched and out of no force. */
 int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out);
 

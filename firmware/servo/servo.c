@@ -223,12 +223,41 @@ static int is_resting(cr_servo *s) {
     return s->rest_ticks > s->config.bus.rest_ticks;
 }
 
+static void feel_nothing(cr_servo *s) {
+    s->output.force_world_N = s->output.torque_world_Nm = v3(0.0f, 0.0f, 0.0f);
+    s->output.depth_m = 0.0f;
+    s->output.area_count = s->output.zone_count = 0u;
+}
+
+/* Contact that was searched for beside the ticks, and is not too old to be felt. */
+static uint32_t feel(cr_servo *s, float since_s) {
+    const uint32_t late_max = s->config.late_max_ticks;
+    cr_feel(s->world, &s->kinematics.world_from_tool, since_s, &s->output);
+    s->late = s->output.stats.late_ticks;
+    if (s->late <= late_max) {
+        return 0u;
+    }
+    s->late = late_max + 1u;
+    feel_nothing(s);
+    return cr_mode_is_rendering(s->mode) ? (uint32_t)CR_FAULT_LATE : 0u;
+}
+
 /* Pose to wrench. */
 static uint32_t touch(cr_servo *s, float period_s) {
-    cr_output *out = &s->output;
-    cr_tick(s->world, &s->kinematics.world_from_tool, min_f(1.0f, period_s * (float)(1u + s->untouched)), out);
+    const float since_s = min_f(1.0f, period_s * (float)(1u + s->untouched));
+    uint32_t faults = 0u;
     s->untouched = 0u;
-    return out->faults == 0u ? 0u : (uint32_t)CR_FAULT_NOT_FINITE;
+    if (s->config.late_max_ticks > 0u) {
+        faults = feel(s, since_s);
+    } else {
+        cr_tick(s->world, &s->kinematics.world_from_tool, since_s, &s->output);
+        s->late = s->output.stats.late_ticks;
+    }
+    return faults | (s->output.faults == 0u ? 0u : (uint32_t)CR_FAULT_NOT_FINITE);
+}
+
+uint32_t cr_servo_search(cr_servo *servo, uint32_t work) {
+    return servo->config.late_max_ticks > 0u ? cr_search(servo->world, work) : 0u;
 }
 
 static uint32_t find_events(cr_servo *s, uint32_t inputs, uint32_t faults) {
@@ -356,15 +385,15 @@ static void record_outputs(cr_servo *s, const cr_control_output *out, const int1
     r->sdo_found = s->bus.sdo_found;
     r->sdo_wanted = s->bus.sdo_wanted;
     r->sdo_abort = s->bus.sdo_abort;
+    r->contact_late_ticks = s->late;
 }
 
 /* --------------------------------------------------------------------------------------------------------- tick */
 
 /* From a servo that is not in fault: what the samples say, and what the scene answers. */
 static uint32_t sense_and_touch(cr_servo *s, uint32_t faults, float period_s) {
-    s->output.force_world_N = s->output.torque_world_Nm = v3(0.0f, 0.0f, 0.0f);
-    s->output.depth_m = 0.0f;
-    s->output.area_count = s->output.zone_count = 0u;
+    feel_nothing(s);
+    s->late = CR_NOT_FELT;
     if (s->mode == CR_MODE_FAULT || s->bus.phase != CR_PHASE_RUN) {
         return faults;
     }
@@ -454,53 +483,7 @@ const char *cr_limit_text(uint32_t bit) {
 
 const char *cr_servo_fault_text(uint32_t bit) {
     static const char *const names[CR_FAULT_COUNT] = {
-        "silent",  "heartbeat", "reset", "drive",  "drive-state", "emcy", "jump",  "range",   "not-finite",
-        "overrun", "bad-state", "alien", "babble", "bus-off",     "sdo",  "stuck", "mismatch"};
+        "silent",  "heartbeat", "reset", "drive",  "drive-state", "emcy", "jump",  "range",    "not-finite",
+        "overrun", "bad-state", "alien", "babble", "bus-off",     "sdo",  "stuck", "mismatch", "late"};
     return bit_text(bit, names, CR_FAULT_COUNT);
-}
-
-/* ------------------------------------------------------------------------------------------------------- re-run */
-
-static void feed(cr_servo *s, const cr_record *r) {
-    cr_tx tx;
-    uint32_t count = r->frame_count < CR_RX_MAX ? r->frame_count : CR_RX_MAX;
-    for (uint32_t i = 0; i < count; i++) {
-        if ((r->frames[i].flags & CR_FRAME_EARLY) != 0u) {
-            cr_servo_rx(s, &r->frames[i]);
-        }
-    }
-    if ((r->inputs & CR_INPUT_NO_SYNC) == 0u) {
-        cr_servo_sync(s, r->sync_ns, &tx);
-    }
-    for (uint32_t i = 0; i < count; i++) {
-        if ((r->frames[i].flags & CR_FRAME_EARLY) == 0u) {
-            cr_servo_rx(s, &r->frames[i]);
-        }
-    }
-    s->rx_babbled = r->rx_babbled;
-    cr_servo_rx_drops(s, r->rx_drops);
-    cr_servo_input(s, r->inputs);
-    cr_servo_tick(s, r->now_ns, r->period_s, &tx);
-}
-
-cr_err cr_servo_rerun(cr_servo *s, const cr_record *records, size_t count, cr_rerun *result, cr_record *out) {
-    if (s == NULL || records == NULL || result == NULL) {
-        return CR_ERR_NULL;
-    }
-    for (size_t i = 0; i < count && !result->gap; i++) {
-        if (records[i].tick != s->ticks) {
-            result->gap = 1u;
-            break;
-        }
-        feed(s, &records[i]);
-        result->records++;
-        if (memcmp(&s->record, &records[i], offsetof(cr_record, wake_late_ns)) != 0) {
-            result->first = result->different == 0u ? records[i].tick : result->first;
-            result->different++;
-        }
-        if (out != NULL) {
-            out[i] = s->record;
-        }
-    }
-    return CR_OK;
 }

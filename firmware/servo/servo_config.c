@@ -46,6 +46,7 @@ cr_servo_config cr_servo_config_default(void) {
         1e-3f,
         1.8e-3f,
         0.02f,
+        0u,
     };
     c.world.force_max_N = 40.0f;
     return c;
@@ -160,6 +161,9 @@ const char *cr_servo_config_error(const cr_servo_config *config) {
     }
     if (!cr_in_range(config->stuck_travel_m, 0.0f, 1.0f)) {
         return "stuck_travel_m: 0..1";
+    }
+    if (config->late_max_ticks > CR_LATE_MAX) {
+        return "late_max_ticks: 0..255";
     }
     if (!cr_in_range(config->wrist_step_rad, 1e-6f, 0.1f)) {
         return "wrist_step_rad: 1e-6..0.1";

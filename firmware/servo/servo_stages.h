@@ -209,6 +209,7 @@ struct cr_servo {
     uint32_t missed[CR_AXES]; /* periods since the last sample */
     uint32_t gap[CR_AXES];    /* periods from the sample before to this tick's; 0: this tick has none */
     uint32_t untouched;       /* periods since the world was last asked */
+    uint32_t late;            /* age of its answer in this one, late_max_ticks + 1 at most; CR_NOT_FELT: not asked */
     cr_output output;
 };
 

@@ -56,6 +56,7 @@ static size_t good_recording(uint8_t *data, size_t max_size) {
     config.period_s = 12e-3f;
     config.overrun_s = 20e-3f;
     config.bus.listen_ms = config.bus.rest_ticks = 0u;
+    config.late_max_ticks = 8u;
     for (int a = 0; a < CR_AXES; a++) {
         config.axis[a].jump_max *= 10.0f;
     }
@@ -89,7 +90,12 @@ size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsi
     for (uint32_t n = 1u + crf_random(&seed, 3u); n > 0u; n--) {
         uint8_t *record = data + CR_RECORDS_AT + (size_t)crf_random(&seed, records) * sizeof(cr_record);
         uint8_t *config = data + sizeof(cr_record_head);
-        switch (crf_random(&seed, 6u)) {
+        switch (crf_random(&seed, 7u)) {
+        case 2:
+            if (records > 0u) {
+                LLVMFuzzerMutate(record + offsetof(cr_record, contact_late_ticks), 4u, 4u);
+            }
+            break;
         case 0:
             LLVMFuzzerMutate(config + 4u * crf_random(&seed, sizeof(cr_servo_config) / 4u), 4u, 4u);
             break;

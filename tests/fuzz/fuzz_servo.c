@@ -1,5 +1,5 @@
 /* Every CAN frame entry of the servo: a script of frames, good and bad, of ticks in and out of time, of inputs and of settings,
- * from power-on or from the midst of contact. Torque stays finite and within limits, or is zero; faults latch; and what was
+ * from power-on or from the midst of contact, with contact searched for in the ticks or beside them, in time or not. Torque stays finite and within limits, or is zero; faults latch; and what was
  * recorded runs again to the bit. */
 #include "fuzz.h"
 #include "servo_rig.h"
@@ -28,17 +28,19 @@ static float take_float(script *s) {
 
 /* ---- where a script begins --------------------------------------------------------------------------------------- */
 
-/* Two rigs: one before its first tick, one in contact; memory as it was then. */
-static crt_servo_rig rigs[2], saved[2];
-static uint8_t *memories[2];
+/* Rigs before their first tick, and in contact (bit 0), that search in the tick, and beside it (bit 1); memory as it was then. */
+#define RIGS 4
+static crt_servo_rig rigs[RIGS], saved[RIGS];
+static uint8_t *memories[RIGS];
 
 static void make_rigs(void) {
-    for (int i = 0; i < 2; i++) {
+    for (int i = 0; i < RIGS; i++) {
         cr_servo_config config = cr_servo_config_default();
         config.world.stiffness_N_m = 800.0f;
         config.control.contact_damping_Ns_m = 2.0f;
+        config.late_max_ticks = (i & 2) != 0 ? 5u : 0u;
         HOLDS(crt_servo_start(&rigs[i], &config));
-        HOLDS(i == 0 || crt_servo_bring_up(&rigs[i], 1000000u, 3000u));
+        HOLDS((i & 1) == 0 || crt_servo_bring_up(&rigs[i], 1000000u, 3000u));
         rigs[i].record_count = 0u;
         saved[i] = rigs[i];
         memories[i] = malloc(rigs[i].memory_bytes);
@@ -150,7 +152,11 @@ static void one_word(crt_servo_rig *rig, script *s, uint32_t word) {
         set_number(rig, s);
         break;
     default:
-        cr_servo_rx_drops(rig->servo, take(s, 4));
+        if ((word & 0x80u) != 0u) {
+            rig->search_work = (word & 0x40u) != 0u ? CRT_SEARCH_WHOLE : take(s, 1);
+        } else {
+            cr_servo_rx_drops(rig->servo, take(s, 4));
+        }
         break;
     }
 }
@@ -171,7 +177,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (size == 0u) {
         return 0;
     }
-    const int which = data[0] & 1;
+    const int which = data[0] & (RIGS - 1);
     script s = {data + 1, data + size};
     crt_servo_rig *rig = begin(which);
     int changed = 0;

@@ -187,7 +187,8 @@ def check_rendering(rows: npt.NDArray[Any], fault_at: int, clear_at: int) -> lis
     contact = in_contact(rows)
     before, after = int(contact[:fault_at].sum()), int(contact[clear_at:].sum())
     enabled = (rows["status"] & 0x6F == 0x27).all(axis=1)
-    zones = int(rows["zones"][contact].max(initial=0))
+    areas = int(rows["areas"][contact].max(initial=0))
+    late = rows["contact_late_ticks"][contact]
     most_N = float(np.linalg.norm(rows["force_N"][contact], axis=1).max(initial=0.0))
     return [
         Outcome(
@@ -195,8 +196,9 @@ def check_rendering(rows: npt.NDArray[Any], fault_at: int, clear_at: int) -> lis
             "drives in OPERATION ENABLED while it renders",
         ),
         Outcome(
-            before >= TICKS_MIN and zones >= 3,
-            f"{before} ticks in contact before the fault, up to {zones} zones and {most_N:.1f} N",
+            before >= TICKS_MIN and areas >= 3,
+            f"{before} ticks in contact before the fault, up to {areas} areas and {most_N:.1f} N; "
+            f"contact searched for beside the ticks, {late.mean():.1f} ticks old, {late.max()} at most",
         ),
         Outcome(bool(contact[max(fault_at - 4, 0)]), "in contact when the drive falls silent"),
         Outcome(after >= TICKS_MIN, f"{after} ticks in contact after it was cleared"),

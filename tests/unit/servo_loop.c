@@ -36,12 +36,17 @@ int crt_loop_free_scene(void **state) {
 
 const cr_scene *crt_loop_scene(void) { return &scene; }
 
-crt_loop crt_loop_make(void) {
+crt_loop crt_loop_make(void) { return crt_loop_make_beside(0u); }
+
+crt_loop crt_loop_make_beside(uint32_t late_max_ticks) {
     crt_loop l;
     memset(&l, 0, sizeof l);
     l.config = cr_servo_config_default();
     l.config.world.stiffness_N_m = 500.0f;
     l.config.control.contact_damping_Ns_m = 2.0f;
+    l.config.late_max_ticks = late_max_ticks;
+    l.search[1] = 1u;
+    l.search_work = 1u << 20;
     const size_t size = cr_servo_size(crt_loop_scene(), &l.config);
     assert_true(size > 0u);
     l.memory = aligned_alloc(64, (size + 63u) / 64u * 64u);
@@ -185,6 +190,12 @@ static void drives_speak(crt_loop *l) {
 }
 
 /* Finite is a matter of course with whole numbers, the limits are not. */
+static void search(crt_loop *l, uint32_t slices) {
+    for (uint32_t i = 0; i < slices; i++) {
+        (void)cr_servo_search(l->servo, l->search_work);
+    }
+}
+
 void crt_loop_period(crt_loop *l) {
     cr_tx sync = {0};
     l->now_ns += MS + l->skip_ns;
@@ -195,7 +206,9 @@ void crt_loop_period(crt_loop *l) {
         drives_speak(l);
     }
     l->no_sync = 0;
+    search(l, l->search[0]);
     cr_servo_tick(l->servo, l->now_ns + 400000u, l->period_s, &l->tx);
+    search(l, l->search[1]);
     l->period_s = 1e-3f;
     for (uint32_t i = 0; i < l->tx.count; i++) {
         for (uint32_t a = 0; a < 3u; a++) {

@@ -35,6 +35,7 @@ typedef struct {
     uint64_t skip_ns; /* the next SYNC comes later by this */
     float period_s;
     int no_sync;
+    uint32_t search[2], search_work; /* slices of the search between SYNC and tick, and after the tick; work of each */
     cr_tx tx;
     cr_record *records;
     uint32_t record_count, record_max;
@@ -45,8 +46,9 @@ int crt_loop_build_scene(void **state);
 int crt_loop_free_scene(void **state);
 const cr_scene *crt_loop_scene(void);
 
-/* Purpose  power-on, 20 mm above the wall. */
+/* Purpose  power-on, 20 mm above the wall; with late_max_ticks above 0, contact is searched for beside the ticks. */
 crt_loop crt_loop_make(void);
+crt_loop crt_loop_make_beside(uint32_t late_max_ticks);
 void crt_loop_free(crt_loop *l);
 
 /* Purpose  a period: SYNC, motion, what drives send, tick. Every torque that leaves is checked against its limit; the record is kept. */

@@ -42,6 +42,7 @@ int crt_servo_start(crt_servo_rig *rig, const cr_servo_config *config) {
         rig->drives[a].counts = (int32_t)fminf(fmaxf((rest[a] - x->offset) / x->step, -2e9f), 2e9f);
     }
     rig->now_ns = 1000000000u;
+    rig->search_work = CRT_SEARCH_WHOLE;
     return 1;
 }
 
@@ -143,6 +144,9 @@ void crt_check_record(const cr_servo_config *config, const cr_record *r) {
     check_vector(r->world_from_tool.pos_m);
     const cr_quat q = r->world_from_tool.rot;
     HOLDS(isfinite(q.w) && isfinite(q.x) && isfinite(q.y) && isfinite(q.z));
+    const uint32_t late_max = config->late_max_ticks, late = r->contact_late_ticks;
+    HOLDS(late_max == 0u || late == CR_NOT_FELT || late <= late_max + 1u);
+    HOLDS(late_max == 0u || late <= late_max || v3_norm(r->contact_force_world_N) == 0.0f);
     HOLDS(isfinite(r->energy_J) && isfinite(r->depth_m) && isfinite(r->margin));
     HOLDS(sqrtf(v3_dot(r->force_world_N, r->force_world_N)) <=
           2.0f * (config->control.force_max_N + config->control.passivity_damping_max_Ns_m * 1e3f) * 1e6f);
@@ -175,6 +179,9 @@ void crt_servo_tick(crt_servo_rig *rig, uint64_t now_ns, float period_s) {
     }
     rig->was_mode = r->mode;
     rig->inputs = 0u;
+    if (rig->search_work > 0u) {
+        (void)cr_servo_search(rig->servo, rig->search_work);
+    }
     rig->tick++;
     for (uint32_t i = 0; i < rig->tx.count; i++) {
         for (uint32_t a = 0; a < CR_AXES; a++) {

@@ -6,6 +6,7 @@
 #include "servo/servo_stages.h"
 
 #define CRT_RECORDS_MAX 512
+#define CRT_SEARCH_WHOLE (1u << 20)
 
 typedef struct {
     int operational, boot;
@@ -24,6 +25,7 @@ typedef struct {
     int16_t wrist[3]; /* counts; drive Z tells them with every second SYNC */
     uint64_t now_ns;
     uint32_t tick, was_mode, inputs; /* of the tick to come */
+    uint32_t search_work;            /* after each tick, where contact is searched for beside the ticks; 0: none */
     cr_tx tx;
     uint32_t record_count;
     cr_record records[CRT_RECORDS_MAX];

@@ -1,4 +1,4 @@
-/* creased: the servo on a Linux machine with SocketCAN. One real-time loop; file, text and commands beside it (aside.h).
+/* creased: the servo on a Linux machine with SocketCAN. One real-time loop; the search for contact (searcher.h), file, text and commands (aside.h) beside it.
  *
  * Signals      INT, TERM, HUP, QUIT: zero torque in the next period, drives off, end. PIPE, TSTP, TTIN, TTOU, XFSZ change nothing: a servo in
  *              contact does not die of its terminal, nor stand still.
@@ -8,6 +8,7 @@
 #include "aside.h"
 #include "can.h"
 #include "device.h"
+#include "searcher.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -44,6 +45,7 @@ typedef struct {
     cr_scene scene;
     cr_servo *servo;
     aside beside;
+    searcher contact; /* with late_max_ticks above 0 */
     uint64_t ticks, skipped, late_max_ns;
     uint32_t final_mode, final_faults, final_seen; /* for the last lines */
 } daemon_state;
@@ -79,7 +81,9 @@ static void take_signals(void) {
 /* A timer coarser than this cannot carry the loop. */
 #define TIMER_STEP_MAX_NS 100000
 
-/* Lock all memory, take a real-time priority, the commands one below it: each when allowed, and said when not. */
+static int searches_beside(const daemon_state *d) { return d->device.servo.late_max_ticks > 0u; }
+
+/* Lock all memory, take a real-time priority, the commands one below it, the search below those: each when allowed, and said when not. */
 static void become_real_time(daemon_state *d) {
     const int own = (int)d->device.priority;
     const struct sched_param priority = {.sched_priority = own}, below = {.sched_priority = own > 1 ? own - 1 : 1};
@@ -91,8 +95,12 @@ static void become_real_time(daemon_state *d) {
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
         fprintf(stderr, "warning: memory is not locked: %s; a page fault can delay a tick\n", strerror(errno));
     }
+    const struct sched_param least = {.sched_priority = own > 2 ? own - 2 : 1};
     int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
     error = error == 0 ? pthread_setschedparam(d->beside.threads[ASIDE_COMMANDS], SCHED_FIFO, &below) : error;
+    if (error == 0 && searches_beside(d)) {
+        error = pthread_setschedparam(d->contact.thread, SCHED_FIFO, &least);
+    }
     if (error != 0) {
         fprintf(stderr, "warning: no real-time priority: %s; run with CAP_SYS_NICE or an rtprio limit\n",
                 strerror(error));
@@ -144,6 +152,9 @@ static void run_period(daemon_state *d, uint64_t due_ns, uint64_t *last_ns, uint
     float period_s = d->ticks == 0u ? d->device.servo.period_s : (float)((double)(sync_ns - *last_ns) * 1e-9);
     cr_servo_tick(d->servo, now_ns, period_s <= 1.0f ? period_s : 1.0f, &tx);
     send_all(d, &tx);
+    if (searches_beside(d)) {
+        searcher_wake(&d->contact);
+    }
     cr_record record = *cr_servo_get_record(d->servo);
     uint64_t late_ns = sync_ns - due_ns, cost_ns = can_now_ns() - now_ns;
     record.wake_late_ns = late_ns < UINT32_MAX ? (uint32_t)late_ns : UINT32_MAX;
@@ -430,9 +441,15 @@ int main(int argc, char **argv) {
     if (aside_start(&d.beside) != 0) {
         return complain(EXIT_RECORD, "no memory or threads for the record");
     }
+    if (searches_beside(&d) && searcher_start(&d.contact, d.servo) != 0) {
+        return complain(EXIT_RECORD, "no thread for the search for contact");
+    }
     become_real_time(&d);
     run_loop(&d);
     can_close(&d.port);
+    if (searches_beside(&d)) {
+        searcher_end(&d.contact);
+    }
     write_last(&d);
     int stuck = aside_finish(&d.beside) != 0;
     status = exit_status(&d);

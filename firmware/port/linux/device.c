@@ -84,6 +84,7 @@ static const entry entries[] = {
     {"wrist", "max_deg", FLOATS, 3, AT(servo.arm.wrist_max_rad), DEG, -360.0, 360.0},
     {"contact", "stiffness_N_m", FLOATS, 1, AT(servo.world.stiffness_N_m), 1.0, 0.0, 1e6},
     {"contact", "damping_Ns_m", FLOATS, 1, AT(servo.control.contact_damping_Ns_m), 1.0, 0.0, 1000.0},
+    {"contact", "late_max_ticks", WHOLE, 1, AT(servo.late_max_ticks), 1.0, 0.0, CR_LATE_MAX},
     {"contact", "lookups_max", WHOLE, 1, AT(servo.world.lookups_max), 1.0, 32.0, 1048576.0},
     {"control", "free_damping_Ns_m", FLOATS, 1, AT(servo.control.free_damping_Ns_m), 1.0, 0.0, 1000.0},
     {"control", "friction_share", FLOATS, 1, AT(servo.control.friction_share), 1.0, 0.0, 0.95},
@@ -103,6 +104,7 @@ device_config device_default(void) {
     device_config d;
     memset(&d, 0, sizeof d);
     d.servo = cr_servo_config_default();
+    d.servo.late_max_ticks = 100u;
     memcpy(d.interface, "can0", sizeof "can0");
     d.bitrate = 1000000u;
     d.deadline_us = 700u;
