@@ -262,7 +262,7 @@ test: build/.develop build/.browser build/gcc/creased build/gcc/creased-unix bui
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
 sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
-	$(PY) tests/run.py --c-tests build/san/tests --only-c
+	$(PY) tests/run.py --c-tests build/san/tests --only-c $(if $(QUICK),--quick)
 
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= $(if $(QUICK),20,60)
@@ -292,16 +292,16 @@ SOAK_TICKS ?= $(if $(QUICK),200000,10000000)
 soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual time, or SOAK_TICKS=
 	CREASE_SOAK_TICKS=$(SOAK_TICKS) build/gcc/tests/test_soak
 
-coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp coverage-firmware ## lines and branches that the tests reach, C and Python
-	gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20
-	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/check tests/host/test_units.py,tests)
+coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp $(if $(QUICK),,coverage-firmware) ## lines and branches that the tests reach, C and Python
+	$(if $(QUICK),,gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20)
+	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/host/test_units.py,tests)
 
 # The long one, and the one of two threads, reach nothing that the others do not; what is covered is what ships, not what was built with rivals beside it.
 COVERING := $(filter-out test_soak test_two_threads $(RIVAL_TESTS),$(TEST_NAMES))
 
 coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
-	@for t in $(COVERING); do build/cov/tests/$$t >build/coverage/$$t.log 2>&1 || { cat build/coverage/$$t.log; exit 1; }; done
+	@printf '%s\n' $(COVERING) | xargs -P 2 -I{} sh -c 'build/cov/tests/{} >build/coverage/{}.log 2>&1 || { cat build/coverage/{}.log; exit 255; }'
 	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*)\.[ch]$$' --branches --print-summary \
 	    --fail-under-line 100 --fail-under-branch 95 build/cov/firmware | tee build/coverage/summary.txt
 

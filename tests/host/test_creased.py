@@ -22,7 +22,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from crease.base.native import lib
-from crease.replay.recording import RECORD
+from crease.base.scene import open_scene
+from crease.replay.recording import RECORD, load_recording, rerun
 
 ROOT = Path(__file__).resolve().parents[2]
 CREASED, DRIVES = (ROOT / "build" / "gcc" / name for name in ("creased-unix", "latency_drives"))
@@ -105,6 +106,7 @@ def running(
     *options: str,
     device: str = DEVICE,
     record: Path | None = None,
+    tip_z_m: float = 0.02,
     **how: Any,
 ) -> Iterator[Run]:
     """creased with its drives, rendering as soon as it can."""
@@ -112,7 +114,7 @@ def running(
     bus, config, record = folder / "bus", folder / "device.toml", record or folder / "run.crr"
     config.write_text(device, encoding="ascii")
     with ExitStack() as stack:
-        tip = ("0", "0.6363961", "0.02")
+        tip = ("0", "0.6363961", f"{tip_z_m:g}")
         drives = stack.enter_context(subprocess.Popen([str(DRIVES), str(bus), *tip]))
         stack.callback(drives.kill)
         with suppress(PermissionError):  # frames that a busy machine holds back come in a burst
@@ -393,3 +395,24 @@ def test_unknown_command_is_said_and_changes_nothing(tmp_path: Path, scene_crs: 
         status, text = end_of(run)
     assert "'sotp' is no command; start, stop, clear, quit\n" in text
     assert status in (0, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("late_max", "youngest"), [(100, 1), (0, 0)])
+def test_contact_is_searched_beside_the_ticks_or_in_them_and_both_run_again(
+    tmp_path: Path, scene_crs: Path, late_max: int, youngest: int
+) -> None:
+    device = f"{DEVICE}[contact]\nlate_max_ticks = {late_max}\n"
+    with running(tmp_path, scene_crs, device=device, tip_z_m=0.008) as run:
+        run.wait_for_torque()
+        time.sleep(1.0)
+        run.command("quit")
+        status, text = end_of(run, 30.0)
+    assert status == 0, text
+    recording = load_recording(run.record)
+    late = recording.rows["contact_late_ticks"][recording.rows["areas"] > 0]
+    assert len(late) > 50
+    assert late.min() == youngest
+    assert late.max() <= late_max
+    again = rerun(recording, open_scene(scene_crs))
+    assert (again.records, again.different, again.gap) == (len(recording), 0, False)
