@@ -6,8 +6,8 @@
  * Memory   the caller's: cr_servo_size bytes, 64-byte aligned. Holds the servo and its world. No heap.
  * Threads  none inside: all calls from the one thread of the loop, except the reading end of the record ring and cr_servo_search.
  * Time     an argument: nanoseconds of any clock that only goes forward. No clock, no I/O, no globals: outputs are a pure
- *          function of (scene, config, sequence of calls), so that a recording re-runs to the bit; when contact was found beside the ticks as well, since
- *          each record tells how old it was.
+ *          function of (scene, config, sequence of calls), so that a recording re-runs to the bit. With a search beside the
+ *          ticks each record tells how old the contact was, and a re-run looks for it at that pose.
  * Units    SI. Axis 0 is the guide (m, N), axes 1 and 2 the arm (rad, N m): "joint unit" is m or rad, "joint torque" N or N m.
  * Trouble  a limit reduces the torque, keeps running and is counted; a fault commands zero torque in the same tick and
  *          latches until CR_COMMAND_CLEAR. Every number on the bus and in the record is finite.
@@ -217,7 +217,7 @@ enum {
     CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
     CR_FAULT_STUCK = 32768u, /* an encoder did not move, to the bit, while the torque on it and the other joints did */
     CR_FAULT_MISMATCH = 65536u, /* a drive is of another make, rating or limit, or did not keep what was written */
-    CR_FAULT_LATE = 131072u     /* the search for contact has not answered for longer than late_max_ticks */
+    CR_FAULT_LATE = 131072u     /* the contact in hand is more than late_max_ticks old: the search does not answer */
 };
 #define CR_FAULT_COUNT 18
 
@@ -367,7 +367,7 @@ void cr_servo_rx_drops(cr_servo *servo, uint32_t total);
 cr_servo_status cr_servo_get_status(const cr_servo *servo);
 /* Purpose  the last tick.   Output  valid until the next one. */
 const cr_record *cr_servo_get_record(const cr_servo *servo);
-/* Purpose  what the haptic tick answered in the last tick: areas and zones for a display. */
+/* Purpose  what the haptic tick answered in the last tick: areas for a display, and zones where the answer is of this pose. */
 const cr_output *cr_servo_get_output(const cr_servo *servo);
 
 typedef struct {
@@ -380,7 +380,8 @@ typedef struct {
 
 /* Purpose  feed the inputs of recorded ticks to a fresh servo and compare every output.
  * Shapes   records[count], the first one is the servo's first tick.   Output  *result, zeros at first, is added to, so that a long file can
- *          come in pieces; out[count], when not null, gets the records of the re-run.
+ *          come in pieces, with the same result for all of them; out[count], when not null, gets the records of the re-run.
+ * Threads  it searches for contact itself where the recording did beside the ticks: no cr_servo_search meanwhile.
  * Errors   NULL. */
 cr_err cr_servo_rerun(cr_servo *servo, const cr_record *records, size_t count, cr_rerun *result, cr_record *out);
 

@@ -10,7 +10,7 @@
 
 /* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
 #define ROUNDING_M 2e-6f
-/* Odometers are rebased here: beyond it their last bit would exceed the slack. */
+/* Odometers are rebased where their sum, m and rad, reaches this: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
 /* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; to tell what it is inside of, and
@@ -22,12 +22,19 @@
 #define WORK_OF_MEETING 1u
 
 static void forget(cr_motion *m) {
-    m->slide_m = 0.0f;
-    m->turn_rad = 0.0f;
+    m->slide_m = m->slide_lost_m = 0.0f;
+    m->turn_rad = m->turn_lost_rad = 0.0f;
     m->root_wake_m = WAKE_NOW;
     for (uint32_t i = 0; i < m->wake_count; i++) {
         m->wake_m[i] = WAKE_NOW;
     }
+}
+
+/* Adds to an odometer, and what its last bits could not take the next time: many small steps are not nothing. Source  Kahan 1965. */
+static void add_up(float *sum, float *lost, float step) {
+    const float more = step + *lost, next = *sum + more;
+    *lost = more - (next - *sum);
+    *sum = next;
 }
 
 void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
@@ -36,10 +43,11 @@ void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
         float flip = a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z < 0.0f ? -1.0f : 1.0f;
         float dw = b.w - flip * a.w, dx = b.x - flip * a.x, dy = b.y - flip * a.y, dz = b.z - flip * a.z;
         /* |2 sin(angle / 2)| <= 2 |dq|; both odometers are rounded up. */
-        m->turn_rad += 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
-        m->slide_m += v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f;
+        const float turn_rad = 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
+        add_up(&m->turn_rad, &m->turn_lost_rad, turn_rad);
+        add_up(&m->slide_m, &m->slide_lost_m, v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f);
     }
-    if (!m->valid || !(m->slide_m < ODOMETER_MAX_M) || !(m->turn_rad < ODOMETER_MAX_M)) {
+    if (!m->valid || !(m->slide_m + m->turn_rad < ODOMETER_MAX_M)) {
         forget(m);
     }
     m->valid = 1u;

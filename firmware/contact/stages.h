@@ -269,7 +269,8 @@ void cr_sum_cluster(const struct cr_img_cluster *cluster, const float *w, struct
 typedef struct {
     float slide_m;  /* sum of |translation of the tool origin| */
     float turn_rad; /* sum of 2 |change of the quaternion|: turn * rho bounds the motion of a point at rho */
-    cr_pose last;   /* where the last search began */
+    float slide_lost_m, turn_lost_rad; /* of them, what their last bits could not take */
+    cr_pose last;                      /* where the last search began */
     uint32_t valid;
     float root_wake_m;
     float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */

@@ -2,7 +2,7 @@
 #include "contact/world.h"
 
 /* More than any answer takes. */
-#define ANSWER_WORK (1u << 30)
+#define ANSWER_WORK 0x40000000u
 
 void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     const cr_slice slice = {.work = w->config.lookups_max, .slices_max = CR_SEARCH_TICKS_MAX};
@@ -38,7 +38,7 @@ void cr_answer(cr_world *w, const cr_felt *at) {
 void cr_feel(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     cr_hand newest;
     if (cr_accept(w, world_from_tool, period_s, out)) {
-        /* taken first: an answer is of an earlier feel, never of this one, however fast the search */
+        /* Taken first: an answer is of an earlier feel, never of this one, however fast the search. So a recording can put it between two ticks. */
         if (cr_mailbox_take(&w->hands, w->hand_words, &newest, CR_WORDS_OF(cr_hand), &w->hands_seen) &&
             newest.at.memory == w->felt.memory) {
             w->hand = newest;

@@ -8,10 +8,10 @@
 _Static_assert((CR_LATE_MAX & (CR_LATE_MAX + 1u)) == 0u, "a ring by a mask");
 
 /* What the search had answered by this tick, if that is another answer than the one in hand. */
-static void answer(cr_servo *s, const cr_record *r, const cr_pose *felt) {
+static void answer_as_recorded(cr_servo *s, const cr_record *r, const cr_pose *felt) {
     cr_felt at = s->world->felt;
     const uint32_t late = r->contact_late_ticks;
-    if (late < 1u || late > s->config.late_max_ticks || late > at.stamp) {
+    if (late < 1u || late > s->config.late_max_ticks) {
         return;
     }
     at.stamp = at.stamp + 1u - late;
@@ -53,7 +53,7 @@ cr_err cr_servo_rerun(cr_servo *s, const cr_record *records, size_t count, cr_re
             break;
         }
         result->felt[s->world->felt.stamp & CR_LATE_MAX] = s->world->felt.pose;
-        answer(s, &records[i], result->felt);
+        answer_as_recorded(s, &records[i], result->felt);
         feed(s, &records[i]);
         result->records++;
         if (memcmp(&s->record, &records[i], offsetof(cr_record, wake_late_ns)) != 0) {

@@ -230,7 +230,7 @@ static void feel_nothing(cr_servo *s) {
 }
 
 /* Contact that was searched for beside the ticks, and is not too old to be felt. */
-static uint32_t feel(cr_servo *s, float since_s) {
+static uint32_t feel_contact(cr_servo *s, float since_s) {
     const uint32_t late_max = s->config.late_max_ticks;
     cr_feel(s->world, &s->kinematics.world_from_tool, since_s, &s->output);
     s->late = s->output.stats.late_ticks;
@@ -248,7 +248,7 @@ static uint32_t touch(cr_servo *s, float period_s) {
     uint32_t faults = 0u;
     s->untouched = 0u;
     if (s->config.late_max_ticks > 0u) {
-        faults = feel(s, since_s);
+        faults = feel_contact(s, since_s);
     } else {
         cr_tick(s->world, &s->kinematics.world_from_tool, since_s, &s->output);
         s->late = s->output.stats.late_ticks;

@@ -117,6 +117,9 @@ size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_loc
         end.read(end.sim, &state);
         cr_servo_tick(servo, tick_ns, clock->period_s, &tx);
         to_drives(&end, clock, &tx, servo, tick_ns + clock->compute_ns);
+        if (clock->search_work > 0u) {
+            (void)cr_servo_search(servo, clock->search_work);
+        }
         records[k] = *cr_servo_get_record(servo);
         note(&state, &rows[k]);
         if (records[k].mode < 32u && (stop_modes >> records[k].mode & 1u) != 0u) {

@@ -31,7 +31,8 @@ typedef struct {
     uint64_t period_ns, deadline_ns;
     float period_s; /* as the servo is told */
     uint32_t at_once;
-    uint64_t compute_ns; /* how long a tick takes: its frames are handed over then */
+    uint64_t compute_ns;  /* how long a tick takes: its frames are handed over then */
+    uint32_t search_work; /* of cr_servo_search after each tick; 0: none */
 } cr_lockstep_clock;
 
 /* Purpose  run both ends, one target a tick, until `count` are done or a mode of `stop_modes` (bit 1 << mode) is reached.

@@ -247,11 +247,15 @@ def run(extent: Extent, processes: int, figure: Path | None) -> Report:
     print_causes(found)
     stable = stable_table(extent, processes)
     print_stable(stable)
+    beside, settled = dragged_beside(extent), settles_beside(extent, processes)
+    print_beside(beside, settled)
     return Report(
         claims_dragged(dragged) + claims_stable(stable),
         {
             "dragged": [asdict(r) for r in dragged],
             "causes": [{"off": a, "contact": b, "free": c} for a, b, c in found],
+            "beside": [asdict(r) for r in beside],
+            "settles": [asdict(r) for r in settled],
             "stable": [asdict(r) | {"share": share_of_flat(r, stable)} for r in stable],
         },
     )

@@ -63,12 +63,16 @@ const char *job_open(job *j, const void *bytes, size_t size, void *memory, size_
     if (err != CR_OK) {
         return cr_err_text(err);
     }
-    return head.kind == JOB_PATH ? open_path(j, &head, &scene, memory, memory_bytes)
-                                 : open_recording(j, &head, &scene, memory, memory_bytes);
+    j->steps = head.kind == JOB_STEPS;
+    return head.kind != JOB_RECORDING ? open_path(j, &head, &scene, memory, memory_bytes)
+                                      : open_recording(j, &head, &scene, memory, memory_bytes);
 }
 
 void job_tick(job *j, uint32_t i) {
-    if (j->rows != NULL) {
+    if (j->steps) {
+        cr_feel(j->world, &j->rows[i].world_from_tool, j->rows[i].period_s, &j->out);
+        (void)cr_search(j->world, 1u);
+    } else if (j->rows != NULL) {
         cr_tick(j->world, &j->rows[i].world_from_tool, j->rows[i].period_s, &j->out);
     } else {
         cr_servo_rerun(j->servo, &j->records[i], 1u, &j->rerun, NULL);

@@ -14,6 +14,7 @@
 #define JOB_CONFIG_AT 64u
 #define JOB_PATH 0u
 #define JOB_RECORDING 1u
+#define JOB_STEPS 2u /* a path at two rates: a tick feels, then searches one step */
 
 typedef struct {
     char magic[8]; /* "CRJOB001" */
@@ -33,6 +34,7 @@ typedef struct {
     const job_row *rows;      /* of a path, else null */
     const cr_record *records; /* of a recording, else null */
     uint32_t ticks;           /* rows or records of the job */
+    uint32_t steps;           /* 1: JOB_STEPS */
     cr_world *world;
     cr_servo *servo;
     cr_output out;        /* of the last tick of a path */

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from callgraph import CallGraphError, Chain, read_graph, worst_chain
-from jobs import FIRMWARE_C, ROOT, free_rows, golden_path_job, path_job, recording_job
+from jobs import FIRMWARE_C, ROOT, STEPS, free_rows, golden_path_job, path_job, recording_job
 from loops import golden_recording
 from runs import BUILD, DEVICES, CheckError, Run, build_counter, command, read_line, run_device
 from worst import BOARD_LOOKUPS, dearer, measure, read_poses
@@ -28,8 +28,10 @@ LOOP = "closed_loop"
 FREE = "free_space"
 LOOP_SCENE = CUBE = "edge90_cube"
 LATE = {f"{name}_late": name for name in (CUBE, "bar_u", "wall_cube", "groove_block", "step_cube")}
-"""Scenes once more with the work in a tick that the boards allow: most answers are late."""
-GOLDENS = (*SCENES, *LATE, FREE, LOOP)
+"""Scenes once more with a bound on the work of a tick that searches itself: most answers are late."""
+STEPPED = {f"{name}_steps": name for name in (CUBE, "wall_cube", "part_spanner")}
+"""And at two rates: one step of the search after each feel."""
+GOLDENS = (*SCENES, *LATE, *STEPPED, FREE, LOOP)
 STRESS = ("wall_cube", "edge120_cube", "edge60_cube", "corner3_cube", "step_cube", "cylinder_ball")
 """More scenes, for the cost alone, with --long."""
 FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno")
@@ -105,6 +107,9 @@ def write_jobs(names: Iterable[str]) -> dict[str, Path]:
             paths[name].write_bytes(path_job(scene.read_bytes(), free_rows()))
         elif name in LATE:
             job = golden_path_job(LATE[name], damping_Ns_m=2.0, lookups_max=BOARD_LOOKUPS)
+            paths[name].write_bytes(job)
+        elif name in STEPPED:
+            job = golden_path_job(STEPPED[name], kind=STEPS, damping_Ns_m=2.0)
             paths[name].write_bytes(job)
         else:
             paths[name].write_bytes(golden_path_job(name, damping_Ns_m=2.0))
@@ -194,12 +199,18 @@ def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str
     for name, run in runs.items():
         assert run.ticks is not None
         figures[f"{name} tick max"] = int(run.ticks[:, 0].max())
-    feel = [
-        run.ticks[:, 1 + run.stages.index("feel")].max()
-        for run in runs.values()
+    feel = {
+        name: run.ticks[:, 1 + run.stages.index("feel")]
+        for name, run in runs.items()
         if run.ticks is not None
+    }
+    figures["feel of all replays max"] = int(max(cost.max() for cost in feel.values()))
+    steps = [
+        int((run.ticks[:, 0] - feel[name]).max())
+        for name, run in runs.items()
+        if name in STEPPED and run.ticks is not None
     ]
-    figures["feel of all replays max"] = int(max(feel))
+    figures["step of the search max"] = max(steps)
     return figures
 
 
@@ -388,7 +399,7 @@ def check_bounds(
     """Measured instructions against those that the counts of the same ticks allow."""
     shares = {}
     for name, run in runs.items():
-        if name != LOOP:
+        if name != LOOP and name not in STEPPED:
             made = BUILD / f"{name}.counts"
             run_host(REFERENCE, runner_of(REFERENCE), jobs[name], made)
             counts = np.fromfile(made, dtype="<u4").reshape(-1, COUNTS)

@@ -16,7 +16,7 @@ FIRMWARE_C = [
     p for room in ("contact", "servo") for p in sorted((ROOT / "firmware" / room).glob("*.c"))
 ]
 """All that a device library is made of."""
-PATH, RECORDING = 0, 1
+PATH, RECORDING, STEPS = 0, 1, 2
 _CONFIG_AT = 64
 _ALIGN = 64
 
@@ -44,12 +44,14 @@ def path_rows(path: Trajectory) -> npt.NDArray[np.float32]:
     return np.column_stack([path.rows[:, 1:], period_s]).astype("<f4")
 
 
-def path_job(scene: bytes, rows: npt.NDArray[np.float32], **settings: float) -> bytes:
-    """A path through a scene; settings: members of cr_config beside the defaults."""
+def path_job(
+    scene: bytes, rows: npt.NDArray[np.float32], kind: int = PATH, **settings: float
+) -> bytes:
+    """A path through a scene, of kind PATH or STEPS; settings: members of cr_config beside the defaults."""
     config = ffi.new("cr_config *", lib.cr_config_default())
     for name, value in settings.items():
         setattr(config, name, value)
-    return make_job(PATH, scene, rows.astype("<f4").tobytes(), bytes(ffi.buffer(config)))
+    return make_job(kind, scene, rows.astype("<f4").tobytes(), bytes(ffi.buffer(config)))
 
 
 def recording_job(scene: bytes, recording: bytes) -> bytes:

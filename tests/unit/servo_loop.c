@@ -189,13 +189,13 @@ static void drives_speak(crt_loop *l) {
     l->extra_count = 0u;
 }
 
-/* Finite is a matter of course with whole numbers, the limits are not. */
 static void search(crt_loop *l, uint32_t slices) {
     for (uint32_t i = 0; i < slices; i++) {
         (void)cr_servo_search(l->servo, l->search_work);
     }
 }
 
+/* Finite is a matter of course with whole numbers, the limits are not. */
 void crt_loop_period(crt_loop *l) {
     cr_tx sync = {0};
     l->now_ns += MS + l->skip_ns;

@@ -34,24 +34,14 @@ static struct {
     uint32_t periods, periods_max, slept_over, enabled_at;
     cr_servo_counters counters;
     uint32_t mode, faults;
-    uint32_t oldest;  /* contact that was felt, ticks */
     uint64_t late_ns; /* of a SYNC after its time, at most, once the drives are enabled */
     jmp_buf over;
 } board;
 
 /* ---- board.h and can.h ----------------------------------------------------------------------------------------------- */
 
-cr_servo_config board_settings(void) {
-    cr_servo_config config = cr_servo_config_default();
-    config.late_max_ticks = BOARD_LATE_MAX_TICKS;
-    return config;
-}
+cr_servo_config board_settings(void) { return cr_servo_config_default(); }
 int board_start(void) { return 0; }
-
-int board_is_due(void) {
-    board.now_ns += CLOCK_NS;
-    return board.now_ns >= board.due_ns;
-}
 
 uint32_t board_wait_period(void) {
     uint32_t slept_over = 0u;
@@ -82,9 +72,6 @@ void board_keep(const cr_record *record) {
     board.mode = record->mode;
     board.faults = record->faults;
     board.counters = record->counters;
-    board.oldest = record->contact_late_ticks != CR_NOT_FELT && record->contact_late_ticks > board.oldest
-                       ? record->contact_late_ticks
-                       : board.oldest;
     if (++board.periods == board.periods_max) {
         longjmp(board.over, 1);
     }
@@ -167,7 +154,6 @@ static void loop_of_the_controller_misses_no_state_once_it_runs(void **state) {
     assert_true(c->missing[0] == 0u && c->missing[1] == 0u && c->missing[2] == 0u);
     assert_true(c->late == 0u && c->send_failed == 0u && c->overruns == 0u && c->wrist_missing == 0u);
     assert_true(board.slept_over == 0u && board.late_ns < 50000u);
-    assert_int_equal(board.oldest, 1u); /* searched for between the ticks */
 }
 
 int main(void) {

@@ -381,6 +381,30 @@ static void detect_odometers_start_again_before_they_lose_precision(void **state
     assert_true(most < 16.0f);
 }
 
+/* Steps below the last bit of an odometer that has come far: each alone would be lost, and the tool creep into what sleeps. */
+static void detect_odometers_miss_no_creep(void **state) {
+    (void)state;
+    float wake[CR_LANES];
+    cr_motion m = make_motion(wake, CR_LANES);
+    cr_pose pose = crt_pose(0.0, 0.0, 0.0);
+    cr_motion_advance(&m, &pose);
+    for (int i = 1; i <= 300; i++) {
+        pose.pos_m.x = i % 2 ? 0.01f : 0.0f;
+        pose.rot = crt_turn(0.0, 0.0, 1.0, i % 2 ? 0.01 : 0.0);
+        cr_motion_advance(&m, &pose);
+    }
+    const float slide_m = m.slide_m, turn_rad = m.turn_rad;
+    assert_true(slide_m > 2.9f && turn_rad > 2.9f);
+    const int steps = 50000;
+    for (int i = 1; i <= steps; i++) {
+        pose.pos_m.x = (float)(1e-7 * i);
+        pose.rot.z = (float)(0.5e-7 * i);
+        cr_motion_advance(&m, &pose);
+    }
+    assert_float_equal(m.slide_m - slide_m, 1e-7f * (float)steps, 1e-5f);
+    assert_float_equal(m.turn_rad - turn_rad, 1e-7f * (float)steps, 1e-5f);
+}
+
 static void detect_forgets_everything_on_its_first_pose(void **state) {
     (void)state;
     float wake[CR_LANES];
@@ -426,6 +450,7 @@ int main(void) {
         cmocka_unit_test(detect_hits_are_in_ascending_order_of_clusters),
         cmocka_unit_test(detect_counts_what_exceeds_its_capacities),
         cmocka_unit_test(detect_odometers_bound_the_motion_of_every_point),
+        cmocka_unit_test(detect_odometers_miss_no_creep),
         cmocka_unit_test(detect_odometers_start_again_before_they_lose_precision),
         cmocka_unit_test(detect_forgets_everything_on_its_first_pose),
         cmocka_unit_test(detect_is_the_same_across_a_leap),

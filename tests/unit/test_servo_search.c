@@ -74,7 +74,7 @@ static void recording_of_two_rates_runs_again_to_the_bit(void **state) {
         ages += late_of[i] > 0u;
     }
     assert_int_equal(late_of[0], 0);
-    assert_true(ages >= 5u && forces > 1000u && late_of[LATE_MAX + 2u] > 0u);
+    assert_true(ages >= 35u && forces > 1000u && late_of[LATE_MAX + 2u] > 0u);
     print_message("%u ages, %u ticks with force\n", ages, forces);
 }
 
@@ -118,6 +118,20 @@ static void search_that_stands_still_is_a_fault(void **state) {
     cr_servo_input(l.servo, CR_COMMAND_CLEAR);
     crt_loop_period(&l);
     crt_loop_press(&l);
+    crt_loop_free(&l);
+}
+
+static void search_that_never_answered_is_a_fault_too(void **state) {
+    (void)state;
+    crt_loop l = crt_loop_make_beside(LATE_MAX);
+    l.search[1] = 0u;
+    assert_true(crt_loop_run_until(&l, CR_MODE_IDLE, 3000u));
+    cr_servo_input(l.servo, CR_COMMAND_START);
+    for (uint32_t k = 0; k <= LATE_MAX + 1u && crt_loop_mode(&l) != CR_MODE_FAULT; k++) {
+        crt_loop_period(&l);
+        assert_true(cr_servo_get_record(l.servo)->contact_force_world_N.z == 0.0f);
+    }
+    assert_int_equal(cr_servo_get_record(l.servo)->faults, CR_FAULT_LATE);
     crt_loop_free(&l);
 }
 
@@ -200,6 +214,7 @@ int main(void) {
         cmocka_unit_test(recording_of_two_rates_runs_again_to_the_bit),
         cmocka_unit_test(re_run_with_another_age_is_another),
         cmocka_unit_test(search_that_stands_still_is_a_fault),
+        cmocka_unit_test(search_that_never_answered_is_a_fault_too),
         cmocka_unit_test(search_that_stands_still_is_none_while_nothing_is_rendered),
         cmocka_unit_test(what_is_felt_is_what_a_tick_would_answer),
         cmocka_unit_test(servo_that_searches_in_its_tick_has_nothing_to_search_beside),

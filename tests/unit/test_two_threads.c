@@ -1,6 +1,7 @@
-/* cr_search and cr_feel in threads of their own. A program by itself: two threads at once spoil the counts of a coverage build. */
+/* Search and feel in threads of their own, of a world and of a servo. A program by itself: two threads at once spoil the counts of a coverage build. */
 #include "contact/math3.h"
 #include "image_builder.h"
+#include "servo_loop.h"
 
 #include <math.h>
 #include <pthread.h>
@@ -9,6 +10,7 @@
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stddef.h>
+#include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
@@ -76,7 +78,56 @@ static void feel_and_search_in_two_threads_answer_the_pose_at_hand(void **state)
     assert_true(felt > 100u && answers == 2000u);
 }
 
+static void *search_for_servo(void *servo) {
+    while (!atomic_load(&ended)) {
+        (void)cr_servo_search(servo, 3u);
+    }
+    return NULL;
+}
+
+/* The search at whatever speed this machine gives it: what was felt is felt again. */
+static void run_of_a_servo_with_a_search_in_a_thread_runs_again_to_the_bit(void **state) {
+    (void)state;
+    pthread_t thread;
+    cr_servo *again;
+    cr_rerun result = {0};
+    crt_loop l = crt_loop_make_beside(CR_LATE_MAX);
+    uint32_t felt = 0u;
+    l.search[1] = 0u;
+    atomic_store(&ended, 0);
+    assert_int_equal(pthread_create(&thread, NULL, search_for_servo, l.servo), 0);
+    const time_t until = time(NULL) + PATIENCE_S;
+    while (felt < 1000u && l.record_count < l.record_max && time(NULL) < until) {
+        const cr_record *r = cr_servo_get_record(l.servo);
+        cr_servo_input(l.servo, r->mode == CR_MODE_IDLE ? CR_COMMAND_START : 0u);
+        cr_servo_input(l.servo, r->mode == CR_MODE_FAULT ? CR_COMMAND_CLEAR : 0u);
+        l.target[2] = fmax(0.02, l.target[2] - 1e-4);
+        crt_loop_period(&l);
+        felt += r->contact_force_world_N.z > 0.0f;
+        for (uint32_t i = 0; i < 100u && r->contact_late_ticks != CR_NOT_FELT && r->contact_late_ticks > 20u; i++) {
+            sched_yield(); /* one processor for both */
+        }
+    }
+    atomic_store(&ended, 1);
+    assert_int_equal(pthread_join(thread, NULL), 0);
+    assert_true(felt >= 100u);
+    const size_t size = cr_servo_size(crt_loop_scene(), &l.config);
+    void *memory = aligned_alloc(64, (size + 63u) / 64u * 64u);
+    assert_int_equal(cr_servo_init(&again, memory, size, crt_loop_scene(), &l.config), CR_OK);
+    assert_int_equal(cr_servo_rerun(again, l.records, l.record_count, &result, NULL), CR_OK);
+    assert_int_equal(result.records, l.record_count);
+    assert_int_equal(result.different, 0);
+    free(memory);
+    crt_loop_free(&l);
+}
+
+static int open_both(void **state) { return open_wall(state) | crt_loop_build_scene(state); }
+static int close_both(void **state) { return close_wall(state) | crt_loop_free_scene(state); }
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(feel_and_search_in_two_threads_answer_the_pose_at_hand)};
-    return cmocka_run_group_tests(tests, open_wall, close_wall);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(feel_and_search_in_two_threads_answer_the_pose_at_hand),
+        cmocka_unit_test(run_of_a_servo_with_a_search_in_a_thread_runs_again_to_the_bit),
+    };
+    return cmocka_run_group_tests(tests, open_both, close_both);
 }

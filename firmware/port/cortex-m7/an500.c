@@ -76,7 +76,7 @@ void can_wait(void) {
 
 cr_servo_config board_settings(void) {
     cr_servo_config config = cr_servo_config_default();
-    config.late_max_ticks = BOARD_LATE_MAX_TICKS;
+    config.world.lookups_max = BOARD_LOOKUPS_MAX;
     config.bus.host_timeout_ms *= SLOWER;
     config.bus.torque_timeout_ms *= SLOWER;
     return config;
@@ -100,10 +100,8 @@ int board_start(void) {
     return start_record();
 }
 
-int board_is_due(void) { return step_now() >= due; }
-
 uint32_t board_wait_period(void) {
-    while (!board_is_due()) {
+    while (step_now() < due) {
         sleep_for_clock();
     }
     const uint32_t slept_over = (uint32_t)(steps - due) / STEPS_PER_PERIOD;

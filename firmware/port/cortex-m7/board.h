@@ -18,18 +18,14 @@ _Noreturn void board_stop(uint32_t why);
 /* SysTick's exception. */
 void board_systick(void);
 
-/* Work of one step of the search, beside the ticks, and how many ticks old the contact may be that it finds. */
-#define BOARD_SEARCH_WORK 1u
-#define BOARD_LATE_MAX_TICKS 100u
+/* Work of a tick: 30,000 + 4,500 x 40 instructions at most, and one step more (DESIGN.md "On a Cortex-M7"). */
+#define BOARD_LOOKUPS_MAX 40u
 
 /* Purpose  the device behind this board, and how the loop runs it. */
 cr_servo_config board_settings(void);
 
 /* Purpose  clocks, pins, watchdog; the pace begins.   Output  0; -1: a clock does not start. */
 int board_start(void);
-
-/* Output  1 when the next period has begun: board_wait_period will not sleep. */
-int board_is_due(void);
 
 /* Purpose  sleep until the next period begins, and keep the watchdog quiet.   Output  periods that were slept over, 0 as a rule. */
 uint32_t board_wait_period(void);

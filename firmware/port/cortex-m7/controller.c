@@ -1,7 +1,6 @@
 /* controller: the device without an operating system. One loop, 1 kHz, paced by the board; no interrupt but its clock.
  *
- * Each period: SYNC, the drives' answers, the tick, its frames. Where the loop would wait, for frames or for the next period, it searches for
- * contact, one step at a time: no tick waits for the search, whatever the scene, and a frame waits for one step of it at most. The answer to SYNC k acts from SYNC k + 1 on, as on Linux.
+ * Each period: SYNC, the drives' answers, the tick, its frames. The answer to SYNC k acts from SYNC k + 1 on, as on Linux.
  * The wrist's angles come over the bus too, from drive Z. */
 #include "board.h"
 #include "can.h"
@@ -43,7 +42,7 @@ static void collect(cr_servo *servo, uint64_t until_ns) {
             cr_servo_rx(servo, &frame);
         }
         waiting = board_now_ns() < until_ns && !cr_servo_get_status(servo).ready;
-        if (waiting && cr_servo_search(servo, BOARD_SEARCH_WORK) == 0u) {
+        if (waiting) {
             can_wait();
         }
     }
@@ -78,9 +77,6 @@ int main(void) {
         return 1;
     }
     for (;;) {
-        while (!board_is_due() && cr_servo_search(servo, BOARD_SEARCH_WORK) > 0u) {
-            /* till there is nothing to search for, or no time */
-        }
         board_wait_period();
         run_period(servo, &config, &last_ns);
     }

@@ -143,11 +143,9 @@ int board_start(void) {
 
 cr_servo_config board_settings(void) {
     cr_servo_config config = cr_servo_config_default();
-    config.late_max_ticks = BOARD_LATE_MAX_TICKS;
+    config.world.lookups_max = BOARD_LOOKUPS_MAX;
     return config;
 }
-
-int board_is_due(void) { return periods != taken; }
 
 uint32_t board_wait_period(void) {
     __asm volatile("cpsid i" ::: "memory"); /* wfi wakes all the same, and no exception slips in before it */

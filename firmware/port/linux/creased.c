@@ -83,7 +83,7 @@ static void take_signals(void) {
 
 static int searches_beside(const daemon_state *d) { return d->device.servo.late_max_ticks > 0u; }
 
-/* Lock all memory, take a real-time priority, the commands one below it, the search below those: each when allowed, and said when not. */
+/* Lock all memory, take a real-time priority, the commands one below it: each when allowed, and said when not. */
 static void become_real_time(daemon_state *d) {
     const int own = (int)d->device.priority;
     const struct sched_param priority = {.sched_priority = own}, below = {.sched_priority = own > 1 ? own - 1 : 1};
@@ -95,12 +95,8 @@ static void become_real_time(daemon_state *d) {
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
         fprintf(stderr, "warning: memory is not locked: %s; a page fault can delay a tick\n", strerror(errno));
     }
-    const struct sched_param least = {.sched_priority = own > 2 ? own - 2 : 1};
     int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &priority);
     error = error == 0 ? pthread_setschedparam(d->beside.threads[ASIDE_COMMANDS], SCHED_FIFO, &below) : error;
-    if (error == 0 && searches_beside(d)) {
-        error = pthread_setschedparam(d->contact.thread, SCHED_FIFO, &least);
-    }
     if (error != 0) {
         fprintf(stderr, "warning: no real-time priority: %s; run with CAP_SYS_NICE or an rtprio limit\n",
                 strerror(error));
@@ -431,6 +427,10 @@ static int exit_status(daemon_state *d) {
     return d->final_mode == CR_MODE_FAULT ? EXIT_FAULT : EXIT_DONE;
 }
 
+static int start_threads(daemon_state *d) {
+    return searches_beside(d) && searcher_start(&d->contact, d->servo) != 0 ? -1 : aside_start(&d->beside);
+}
+
 int main(int argc, char **argv) {
     static daemon_state d;
     int status = set_up(&d, argc, argv);
@@ -438,11 +438,10 @@ int main(int argc, char **argv) {
         return status;
     }
     take_signals();
-    if (aside_start(&d.beside) != 0) {
-        return complain(EXIT_RECORD, "no memory or threads for the record");
-    }
-    if (searches_beside(&d) && searcher_start(&d.contact, d.servo) != 0) {
-        return complain(EXIT_RECORD, "no thread for the search for contact");
+    if (start_threads(&d) != 0) {
+        keeper_close(&d.beside.keep);
+        can_close(&d.port);
+        return complain(EXIT_RECORD, "no memory or threads for the record and the search for contact");
     }
     become_real_time(&d);
     run_loop(&d);

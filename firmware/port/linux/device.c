@@ -104,7 +104,7 @@ device_config device_default(void) {
     device_config d;
     memset(&d, 0, sizeof d);
     d.servo = cr_servo_config_default();
-    d.servo.late_max_ticks = 100u;
+    d.servo.late_max_ticks = 50u;
     memcpy(d.interface, "can0", sizeof "can0");
     d.bitrate = 1000000u;
     d.deadline_us = 700u;

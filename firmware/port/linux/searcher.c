@@ -1,11 +1,12 @@
 #include "searcher.h"
 
 #include <errno.h>
+#include <sched.h>
 #include <stdint.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-/* Lookups between two looks at `done`: some 20 us. */
+/* Lookups between two looks at `done`: tens of microseconds, hundreds where one step is long. */
 #define SLICE_WORK 64u
 
 static void *run(void *argument) {
@@ -24,8 +25,18 @@ static void *run(void *argument) {
 
 int searcher_start(searcher *s, cr_servo *servo) {
     s->servo = servo;
+    const struct sched_param normal = {.sched_priority = 0};
+    pthread_attr_t how;
     s->wake = eventfd(0u, EFD_CLOEXEC);
-    return s->wake >= 0 && pthread_create(&s->thread, NULL, run, s) == 0 ? 0 : -1;
+    if (s->wake < 0 || pthread_attr_init(&how) != 0) {
+        return -1;
+    }
+    int error = pthread_attr_setinheritsched(&how, PTHREAD_EXPLICIT_SCHED);
+    error |= pthread_attr_setschedpolicy(&how, SCHED_OTHER);
+    error |= pthread_attr_setschedparam(&how, &normal);
+    error = error != 0 ? error : pthread_create(&s->thread, &how, run, s);
+    (void)pthread_attr_destroy(&how);
+    return error == 0 ? 0 : -1;
 }
 
 void searcher_wake(searcher *s) {

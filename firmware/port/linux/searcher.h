@@ -1,4 +1,5 @@
-/* The search for contact in a thread of its own: whatever a scene takes, the period does not wait for it. */
+/* The search for contact in a thread of its own: whatever a scene takes, the period does not wait for it. It keeps a normal priority: in a scene that takes
+ * all of a processor it must neither starve the file of the record nor make the kernel hold back real-time threads, the loop among them. */
 #ifndef CREASED_SEARCHER_H
 #define CREASED_SEARCHER_H
 
@@ -14,7 +15,7 @@ typedef struct {
     pthread_t thread;
 } searcher;
 
-/* Purpose  the thread, with the priority of whoever calls.   Output  0; -1: no thread or no descriptor. */
+/* Purpose  the thread, at normal priority whoever calls.   Output  0; -1: no thread or no descriptor. */
 int searcher_start(searcher *s, cr_servo *servo);
 
 /* Purpose  after a tick: its pose wants contact.   Threads  the loop's.   Cost  one write, which never waits. */

@@ -134,8 +134,11 @@ class Loop:
         at_once: bool = False,
         deadline_ns: int = DEADLINE_NS,
         compute_ns: int = 0,
+        search_work: int = 0,
     ) -> None:
         """deadline_ns: after SYNC. compute_ns: how long a tick takes. at_once: no time from sample to torque.
+
+        search_work: lookups of the search for contact beside each tick, for a config with late_max_ticks above 0.
 
         Errors: CreaseError for a configuration, parameters or faults that are refused.
         """
@@ -146,7 +149,7 @@ class Loop:
         self._clock = ffi.new("cr_lockstep_clock *")
         self._clock.period_ns, self._clock.period_s = PERIOD_NS, self.config.period_s
         self._clock.deadline_ns, self._clock.compute_ns = deadline_ns, compute_ns
-        self._clock.at_once = int(at_once)
+        self._clock.at_once, self._clock.search_work = int(at_once), search_work
         self._far = ffi.new("cr_lockstep_drives *")
         self._far.sim = _pointer("void *", self.drives.c)
         self._far.wire = _pointer("void *", self._wire.c)

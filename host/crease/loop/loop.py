@@ -66,6 +66,7 @@ class Setup:
 
     delay_s: from the sample to the torque's action. None: the bus as it is, one period; 0: no time at all.
     dry_friction: False takes Coulomb friction out of the mechanism, and its compensation out of the firmware.
+    search_work: lookups of the search for contact beside each tick; 0: the tick searches itself.
     control, params: fields of cr_control_config and cr_sim_params by name. axes: fields of cr_sim_axis by axis; the
     firmware is told of another step_m. base_from_world: how the device stands turned.
     """
@@ -80,6 +81,7 @@ class Setup:
     params: Mapping[str, Any] = field(default_factory=dict)
     axes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     base_from_world: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    search_work: int = 0
 
 
 def _turned_base(config: Any, base_from_world: Sequence[float]) -> None:
@@ -116,6 +118,7 @@ def servo_config(setup: Setup) -> Any:
             arm_m = (1.0, config.arm.upper_m, config.arm.fore_m)["XYZ".index(axis)]
             config.axis["XYZ".index(axis)].step = changes["step_m"] / arm_m
             config.bus.rest_ticks = 0  # rest is counted in steps: with fine ones a hand never rests
+    config.late_max_ticks = lib.CR_LATE_MAX if setup.search_work else 0
     _turned_base(config, setup.base_from_world)
     return config
 
@@ -138,7 +141,13 @@ def sim_params(setup: Setup) -> Params:
 def open_loop(scene: Scene, setup: Setup) -> Loop:
     """Both ends at power-on.   Errors: CreaseError for a set-up that is refused."""
     at_once = setup.delay_s is not None
-    return Loop(scene, servo_config(setup), sim_params(setup), at_once=at_once)
+    return Loop(
+        scene,
+        servo_config(setup),
+        sim_params(setup),
+        at_once=at_once,
+        search_work=setup.search_work,
+    )
 
 
 def bring_up(loop: Loop, targets: F64) -> None:
