@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 from crease.loop.loop import NORMAL_GRIP, Setup
-from crease.loop.walls import cases
+from crease.loop.places import cases
 from loop_contact import DEFAULT, Extent, Job, drag_case, linear_setup, work
 
 WHOLE = 1 << 20
@@ -18,7 +18,7 @@ SCENES = ("edge90_sphere", "edge90_cube")
 
 @dataclass(frozen=True)
 class Beside:
-    """A ball and a cube round an edge. Buzz m/s^2; step: share of the force, and turn, deg, in one tick. Ages in ticks."""
+    """A ball and a cube round an edge. Buzz: m/s^2; step: share of the force in one tick; turn: deg; ages: ticks."""
 
     scene: str
     work: int
@@ -88,7 +88,9 @@ def name_of(lookups: int) -> str:
 
 def print_beside(rows: list[Beside], stable: list[Settles]) -> None:
     """Both tables."""
-    print("\ncontact searched for beside the ticks: k = 1000 N/m, 50 mm/s, normal hand; age in ticks")
+    print(
+        "\ncontact searched for beside the ticks: k = 1000 N/m, 50 mm/s, normal hand; age in ticks"
+    )
     print(
         f"{'scene':15s} {'search':20s} {'age':>5s} {'max':>4s} {'buzz':>6s} {'worst':>6s} "
         f"{'step':>5s} {'turn':>6s}  faults"

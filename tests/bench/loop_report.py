@@ -12,6 +12,7 @@ from crease.draw.plot import COLOURS, NOTICEABLE_TURN_DEG, STYLE, new_figure, sa
 from crease.loop.hil import LoopResult
 from crease.loop.loop import FIRM_GRIP, NORMAL_GRIP, Setup, at_speed, drag
 from crease.replay.measures import buzz_band_m_s2
+from loop_beside import dragged_beside, print_beside, settles_beside
 from loop_contact import (
     CREASES,
     SCENES,
