@@ -11,6 +11,7 @@ import time
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,20 +101,51 @@ def read_junit(report: Path, status: int) -> Count:
     return Count(max(tests - failed, 0), failed)
 
 
+BY_THE_CLOCK = (
+    "tests/host/test_live.py",
+    "tests/host/test_creased.py",
+    "tests/host/test_api.py",
+    "tests/bus/test_drive.py",
+)
+"""Tests that time what they see: run with nothing beside them."""
+
+
+def run_all_pytest(select: list[str]) -> Count:
+    """Every pytest of the tree: tests/host beside all others, one processor each, then those by the clock."""
+    left_out = [f"--deselect={path}" for path in BY_THE_CLOCK]
+    jobs = {
+        "pytest-host": ([*select, *left_out], ("tests/host",)),
+        "pytest-others": ([*select, *left_out, "--ignore=tests/host"], ("tests",)),
+    }
+    with ThreadPoolExecutor(len(jobs)) as pool:
+        runs = [
+            pool.submit(run_pytest, chosen, paths, name, keep=name != "pytest-host")
+            for name, (chosen, paths) in jobs.items()
+        ]
+        count = sum((run.result() for run in runs), Count())
+    print((ROOT / "build" / "pytest-others.log").read_text(errors="replace"), flush=True)
+    return count + run_pytest(select, BY_THE_CLOCK, "pytest-clock")
+
+
 def run_pytest(
     select: list[str],
     paths: Sequence[str],
     name: str = "pytest",
     wrap: Sequence[str] = (),
+    keep: bool = False,
     **extra: str,
 ) -> Count:
-    """pytest over `paths`, inside the command `wrap`, with more environment."""
+    """pytest over `paths`, inside the command `wrap`, with more environment. keep: its words go to build/NAME.log."""
     report = ROOT / "build" / f"{name}.xml"
     report.parent.mkdir(exist_ok=True)
     report.unlink(missing_ok=True)
     config = ["-c", "host/pyproject.toml", "--rootdir", ".", f"--junit-xml={report}"]
     command = [*wrap, sys.executable, "-m", "pytest", *config, *select, "--durations=5", *paths]
-    status = subprocess.run(command, check=False, cwd=ROOT, env=os.environ | extra).returncode
+    with ExitStack() as stack:
+        said = stack.enter_context(report.with_suffix(".log").open("wb")) if keep else None
+        status = subprocess.run(
+            command, check=False, cwd=ROOT, env=os.environ | extra, stdout=said, stderr=said
+        ).returncode
     return read_junit(report, status)
 
 
@@ -145,7 +177,9 @@ def main() -> int:
         # The same tests a second time: they must pass, but are counted once.
         count += Count(0, run_programs(args.sanitized).failed)
     if not args.only_c:
-        count += run_pytest(["-m", "not slow"] if args.quick else [], args.paths)
+        select = ["-m", "not slow"] if args.quick else []
+        whole = args.paths == ["tests"]
+        count += run_all_pytest(select) if whole else run_pytest(select, args.paths)
         if not args.quick:
             count += run_hil()
     print(f"{count.passed} passed, {count.failed} failed", flush=True)
