@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
+from crease.base.errors import SceneError
 from crease.base.scene import open_scene
 from crease.base.units import format_length
-from crease.verbs.common import SubParsers, add_json, add_scene, print_json, print_lines
+from crease.replay.cost import BOARD_WORK, PERIOD_S, Cost, cost_of, device_names
+from crease.replay.trajectory import load_trajectory
+from crease.verbs.common import (
+    SubParsers,
+    add_json,
+    add_scene,
+    print_json,
+    print_lines,
+    whole_in,
+)
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -16,20 +27,43 @@ def add_parser(sub: SubParsers) -> None:
         "info",
         help="tell what a scene image holds",
         description="Check a scene image as the firmware does, and tell what it holds: meshes, creases, distances "
-        "and their error, samples of the tool.",
+        "and their error, samples of the tool; and with --device what it takes of a controller.",
     )
     add_scene(parser)
+    parser.add_argument(
+        "--device",
+        metavar="NAME",
+        help=f"flash, RAM and instructions of a tick on {', '.join(device_names())}",
+    )
+    parser.add_argument(
+        "--work",
+        metavar="N",
+        type=whole_in(32, 1048576),
+        default=BOARD_WORK,
+        help=f"with --device: lookups_max, the work of a tick (default: {BOARD_WORK})",
+    )
+    parser.add_argument(
+        "--path",
+        metavar="PATH",
+        type=Path,
+        help="with --device: a path of the tool, CSV or NPZ, whose ticks are counted",
+    )
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError when the file is not a valid image."""
-    info = open_scene(args.scene).info()
+    """Errors: CreaseError when the file is not a valid image, or the device is not known."""
+    if args.path is not None and args.device is None:
+        raise SceneError("--path: counts ticks for a controller; name it with --device")
+    scene = open_scene(args.scene)
+    info = scene.info()
+    path = None if args.path is None else load_trajectory(args.path)
+    cost = None if args.device is None else cost_of(scene, args.device, args.work, path)
     if args.json:
-        print_json(info)
+        print_json(info | ({} if cost is None else {"device": cost.report()}))
     else:
-        print_lines(lines(info))
+        print_lines(lines(info) + ([] if cost is None else device_lines(cost)))
 
 
 def size_text(size: object) -> str:
@@ -80,3 +114,38 @@ def lines(info: dict[str, Any]) -> list[tuple[str, str]]:
             f"{tool['clusters']:,} clusters, {tool['levels']} levels of spheres",
         ),
     ]
+
+
+def device_lines(cost: Cost) -> list[tuple[str, str]]:
+    """What a scene takes of a controller, for a person."""
+    device, along = cost.device, cost.along
+    in_flash = device.flash_bytes > 0
+    lines = [("device", f"{device.name}: {device.core}, {device.clock_Hz / 1e6:g} MHz")]
+    if in_flash:
+        lines.append(("flash", _part(cost.flash_bytes, device.flash_bytes, "library and scene")))
+    what = "servo, world, stack" if in_flash else "library, scene, servo, world, stack"
+    lines.append(("RAM", _part(cost.ram_bytes, device.ram_bytes, what)))
+    lines.append(
+        (
+            "tick",
+            f"at most {cost.instructions:,} instructions, by {cost.work} units of work, and one step more",
+        )
+    )
+    if along is not None:
+        lines += [
+            (
+                "along the path",
+                f"median {along.p50:,}, p99 {along.p99:,}, largest {along.most:,}, at most, of {along.ticks:,} ticks",
+            ),
+            ("answers", f"{along.late_mean:.1f} ticks late on average, {along.late_most} at most"),
+        ]
+    share = 100.0 * cost.largest_s / PERIOD_S
+    lines.append(
+        ("", f"{1e3 * cost.largest_s:.2f} ms, {share:.0f} % of 1 ms, at one instruction a cycle")
+    )
+    return lines
+
+
+def _part(used: int, there: int, what: str) -> str:
+    verdict = "fits" if used <= there else "DOES NOT FIT"
+    return f"{size_text(used)} ({what}) of {size_text(there)}: {verdict}"
