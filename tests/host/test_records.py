@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from crease.base.attitude import to_matrix
-from crease.base.native import ffi
+from crease.base.native import ffi, lib
 from crease.base.records import record
 from crease.loop.hil import MECHANISM
 from crease.replay.contacts import ZONE
-from crease.replay.recording import RECORD
+from crease.replay.recording import RECORD, ages_text, contact_ages
 
 
 def test_members_of_a_recorded_tick_are_where_c_writes_them() -> None:
@@ -58,3 +58,15 @@ def test_a_quarter_turn_about_z_takes_x_to_y() -> None:
     np.testing.assert_allclose(one @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
     many = to_matrix(np.array([[half, 0.0, 0.0, half], [1.0, 0.0, 0.0, 0.0]]))
     np.testing.assert_allclose(many, [one, np.eye(3)], atol=1e-15)
+
+
+def test_ages_of_contact_are_counts_and_minus_one_where_none_was_asked_for() -> None:
+    rows = np.zeros(4, dtype=RECORD)
+    rows["contact_late_ticks"] = [lib.CR_NOT_FELT, 0, 3, 5]
+    rows["areas"] = [0, 0, 1, 2]
+    assert contact_ages(rows).tolist() == [-1, 0, 3, 5]
+    assert ages_text(rows) == "found 4.0 ticks before on average, 5 at most"
+    rows["contact_late_ticks"] = 0
+    assert ages_text(rows) == "of each tick's own pose"
+    rows["areas"] = 0
+    assert ages_text(rows) == "none"

@@ -201,6 +201,22 @@ def _bit_names(bits: int, text: Any) -> list[str]:
     return [ffi.string(text(1 << i)).decode("ascii") for i in range(32) if bits >> i & 1]
 
 
+def contact_ages(rows: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """How many felt poses ago that one was whose contact a tick felt, (n,); -1 in ticks that asked for none."""
+    ages = rows["contact_late_ticks"].astype(np.int64)
+    return np.where(ages == lib.CR_NOT_FELT, -1, ages)
+
+
+def ages_text(rows: npt.NDArray[Any]) -> str:
+    """One line on the ages of ticks in contact, for a person."""
+    ages = contact_ages(rows)[rows["areas"] > 0]
+    if not len(ages):
+        return "none"
+    if not ages.any():
+        return "of each tick's own pose"
+    return f"found {ages.mean():.1f} ticks before on average, {ages.max()} at most"
+
+
 def _missing(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """States that did not come in time, in each tick."""
     total = rows["counters"]["missing"].sum(axis=1).astype(np.int64)
@@ -230,6 +246,7 @@ def to_columns(rows: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
     columns["states_us"] = 1e-3 * waited_ns
     columns["torque_us"] = 1e-3 * (waited_ns + rows["tick_ns"])
     columns["states_missing"] = _missing(rows)
+    columns["contact_late_ticks"] = contact_ages(rows)
     columns["wake_late_ns"] = rows["wake_late_ns"]
     columns["tick_ns"] = rows["tick_ns"]
     return columns

@@ -218,6 +218,7 @@ def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
             f"{report['ticks']:,}, {report['ticks_rendering']:,} rendering, {report['ticks_in_contact']:,} in contact, "
             f"{report['ticks_limited']:,} limited",
         ),
+        ("contact", report["contact"]),
         ("force", f"{report['force_max_N']:.4g} N max"),
         ("depth", f"{1e3 * report['depth_max_m']:.4g} mm max"),
         ("energy", f"{1e3 * report['energy_max_J']:.3g} mJ given to the hand at most"),

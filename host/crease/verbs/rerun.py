@@ -9,7 +9,15 @@ from dataclasses import replace
 from crease.base.errors import RecordingError
 from crease.base.scene import open_scene
 from crease.base.table import write_table
-from crease.replay.recording import cut_warning, fault_names, load_recording, rerun, to_columns
+from crease.replay.recording import (
+    ages_text,
+    contact_ages,
+    cut_warning,
+    fault_names,
+    load_recording,
+    rerun,
+    to_columns,
+)
 from crease.verbs.common import print_either, warn
 
 
@@ -42,6 +50,7 @@ def run(args: argparse.Namespace) -> None:
         "ticks": result.records,
         "ticks_different": result.different,
         "ticks_rendering": int(recording.rows["counters"]["ticks_rendering"][result.records - 1]),
+        "contact_late_ticks_max": int(contact_ages(result.rows).max(initial=-1)),
         "faults": faults,
         "time_s": round(time.monotonic() - start_s, 3),
         "warnings": warnings,
@@ -52,6 +61,7 @@ def run(args: argparse.Namespace) -> None:
         [
             ("table", str(args.output)),
             ("ticks", f"{result.records:,} run again, {report['ticks_rendering']:,} rendering"),
+            ("contact", ages_text(result.rows)),
             ("different", f"{result.different:,}"),
             ("faults", ", ".join(faults) or "none"),
             ("time", f"{report['time_s']:.2f} s"),
