@@ -187,11 +187,9 @@ def test_poses_are_kept_to_the_last_bit_of_a_float(tmp_path: Path) -> None:
     assert (again.pose.astype(np.float32) == one.pose.astype(np.float32)).all()
 
 
-def test_every_scene_has_its_worst_poses_and_boards_their_lookups() -> None:
+def test_every_scene_has_its_worst_poses() -> None:
     kept = {(f.scene, f.lookups) for f in read_poses()}
     assert kept == {(scene, lookups) for scene in SCENES for lookups in TICKS}
-    header = (ROOT / "firmware/port/cortex-m7/board.h").read_text("ascii")
-    assert f"#define BOARD_LOOKUPS_MAX {BOARD_LOOKUPS}u" in header
 
 
 def test_work_at_a_pose_does_not_depend_on_what_was_asked_before() -> None:

@@ -47,7 +47,7 @@ SCENES = (
     "part_spanner",
 )
 BOARD_LOOKUPS = 40
-"""firmware/port/cortex-m7/board.h."""
+"""Of a controller that searches in its tick, as firmware/DESIGN.md has it: "A tick that fits"."""
 ALL_LOOKUPS = 1 << 20
 """An answer in one tick, whatever it takes."""
 TICKS = {BOARD_LOOKUPS: 24, ALL_LOOKUPS: 1}

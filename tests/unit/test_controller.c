@@ -11,9 +11,12 @@
 
 #include <cmocka.h>
 
-/* The loop's own main, and the scene's place in flash. */
+/* The loop's own main, with searches that take time, and the scene's place in flash. */
+static uint32_t search_that_takes_time(cr_servo *servo, uint32_t work);
 #define main controller_main
+#define cr_servo_search search_that_takes_time
 #include "../../firmware/port/cortex-m7/controller.c"
+#undef cr_servo_search
 #undef main
 
 #define SCENE_ROOM "1048576"
@@ -25,6 +28,7 @@ __asm__(".globl _scene_start\n.set _scene_start, crt_flash\n"
 #define BIT_NS 1000u
 #define REACTION_NS 20000u
 #define TICK_COST_NS 210000u /* the budget: crease bus --schedule */
+#define STEP_NS 21000u       /* a step of the search: a cube on an edge, on an emulated M7 */
 #define CLOCK_NS 1000u       /* how far a look at the clock moves it */
 
 static struct {
@@ -34,14 +38,28 @@ static struct {
     uint32_t periods, periods_max, slept_over, enabled_at;
     cr_servo_counters counters;
     uint32_t mode, faults;
-    uint64_t late_ns; /* of a SYNC after its time, at most, once the drives are enabled */
+    uint64_t step_ns;       /* what a step of the search takes */
+    uint32_t steps, oldest; /* made; contact that was felt, ticks */
+    uint64_t late_ns;       /* of a SYNC after its time, at most, once the drives are enabled */
     jmp_buf over;
 } board;
 
 /* ---- board.h and can.h ----------------------------------------------------------------------------------------------- */
 
-cr_servo_config board_settings(void) { return cr_servo_config_default(); }
+cr_servo_config board_settings(void) {
+    cr_servo_config config = cr_servo_config_default();
+    config.late_max_ticks = BOARD_LATE_MAX_TICKS;
+    return config;
+}
 int board_start(void) { return 0; }
+uint64_t board_due_ns(void) { return board.due_ns; }
+
+static uint32_t search_that_takes_time(cr_servo *servo, uint32_t work) {
+    const uint32_t done = cr_servo_search(servo, work);
+    board.now_ns += done > 0u ? board.step_ns : 0u;
+    board.steps += done > 0u;
+    return done;
+}
 
 uint32_t board_wait_period(void) {
     uint32_t slept_over = 0u;
@@ -72,6 +90,8 @@ void board_keep(const cr_record *record) {
     board.mode = record->mode;
     board.faults = record->faults;
     board.counters = record->counters;
+    const uint32_t late = record->contact_late_ticks == CR_NOT_FELT ? 0u : record->contact_late_ticks;
+    board.oldest = late > board.oldest ? late : board.oldest;
     if (++board.periods == board.periods_max) {
         longjmp(board.over, 1);
     }
@@ -110,12 +130,13 @@ int can_receive(cr_frame *frame) {
 
 /* ---- the tests ------------------------------------------------------------------------------------------------------- */
 
-static void run_loop(uint32_t periods) {
+static void run_loop(uint32_t periods, uint64_t step_ns) {
     const cr_sim_params params = cr_sim_params_default();
     memset(&board, 0, sizeof board);
     board.sim = cr_sim_create(&params, 0u, 0u);
     board.wire = cr_wire_create(board.sim, BIT_NS, REACTION_NS, 0u);
     board.periods_max = periods;
+    board.step_ns = step_ns;
     board.due_ns = PERIOD_NS;
     if (setjmp(board.over) == 0) {
         controller_main();
@@ -126,20 +147,22 @@ static void run_loop(uint32_t periods) {
 
 static int build_flash(void **state) {
     (void)state;
-    const crt_solid block = crt_box(-0.02, 0.02, 0.02, -0.03, -0.02);
+    const crt_solid block = crt_box(-0.06, 0.06, 0.06, -0.06, -0.028);
+    const double centre_m[3] = {0.0, 0.0, 0.0}, half_m[3] = {0.03, 0.03, 0.03};
     uint32_t bytes = 0u;
-    crt_tool plate = crt_plate();
-    uint8_t *image = crt_image(&block, &plate, 0.004, &bytes);
+    crt_tool cube = crt_tool_new(0.003); /* in contact from the start, and many steps of the search */
+    crt_add_box(&cube, centre_m, half_m);
+    uint8_t *image = crt_image(&block, &cube, 0.004, &bytes);
     assert_true(bytes <= sizeof crt_flash);
     memcpy(crt_flash, image, bytes);
     free(image);
-    crt_tool_free(&plate);
+    crt_tool_free(&cube);
     return 0;
 }
 
 static void loop_of_the_controller_comes_up_on_a_bus_with_bit_times(void **state) {
     (void)state;
-    run_loop(3000u);
+    run_loop(3000u, STEP_NS);
     assert_int_equal(board.faults, 0);
     assert_true(cr_mode_is_rendering(board.mode));
     assert_in_range(board.enabled_at, 500u, 2000u);
@@ -149,17 +172,37 @@ static void loop_of_the_controller_comes_up_on_a_bus_with_bit_times(void **state
 
 static void loop_of_the_controller_misses_no_state_once_it_runs(void **state) {
     (void)state;
-    run_loop(6000u);
+    run_loop(6000u, STEP_NS);
     const cr_servo_counters *c = &board.counters;
     assert_true(c->missing[0] == 0u && c->missing[1] == 0u && c->missing[2] == 0u);
     assert_true(c->late == 0u && c->send_failed == 0u && c->overruns == 0u && c->wrist_missing == 0u);
     assert_true(board.slept_over == 0u && board.late_ns < 50000u);
+    print_message("%u steps of the search, contact up to %u ticks old\n", (unsigned)board.steps, (unsigned)board.oldest);
+    assert_true(board.steps > 50000u && board.oldest <= 10u); /* all of them where the loop waits */
+}
+
+/* Steps as long as those of a spanner on an emulated M7, and longer: SYNC does not wait, contact gets older. */
+static void long_steps_of_the_search_hold_up_no_period(void **state) {
+    (void)state;
+    static const uint64_t step_ns[] = {60000u, 115000u};
+    for (uint32_t i = 0; i < sizeof step_ns / sizeof *step_ns; i++) {
+        run_loop(4000u, step_ns[i]);
+        const cr_servo_counters *c = &board.counters;
+        print_message("steps of %.0f us: %u made, contact up to %u ticks old, SYNC at most %.0f us late\n",
+                      (double)step_ns[i] * 1e-3, (unsigned)board.steps, (unsigned)board.oldest,
+                      (double)board.late_ns * 1e-3);
+        assert_int_equal(board.faults, 0);
+        assert_true(cr_mode_is_rendering(board.mode) && c->overruns == 0u && c->send_failed == 0u);
+        assert_true(board.slept_over == 0u && board.late_ns < 50000u);
+        assert_true(board.oldest >= 1u && board.oldest <= BOARD_LATE_MAX_TICKS);
+    }
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(loop_of_the_controller_comes_up_on_a_bus_with_bit_times),
         cmocka_unit_test(loop_of_the_controller_misses_no_state_once_it_runs),
+        cmocka_unit_test(long_steps_of_the_search_hold_up_no_period),
     };
     return cmocka_run_group_tests(tests, build_flash, NULL);
 }

@@ -76,7 +76,7 @@ void can_wait(void) {
 
 cr_servo_config board_settings(void) {
     cr_servo_config config = cr_servo_config_default();
-    config.world.lookups_max = BOARD_LOOKUPS_MAX;
+    config.late_max_ticks = BOARD_LATE_MAX_TICKS;
     config.bus.host_timeout_ms *= SLOWER;
     config.bus.torque_timeout_ms *= SLOWER;
     return config;
@@ -99,6 +99,8 @@ int board_start(void) {
     SYSTICK_CTRL = 7u;
     return start_record();
 }
+
+uint64_t board_due_ns(void) { return due * STEP_NS; }
 
 uint32_t board_wait_period(void) {
     while (step_now() < due) {

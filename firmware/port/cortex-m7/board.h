@@ -18,14 +18,17 @@ _Noreturn void board_stop(uint32_t why);
 /* SysTick's exception. */
 void board_systick(void);
 
-/* Work of a tick: 30,000 + 4,500 x 40 instructions at most, and one step more (DESIGN.md "On a Cortex-M7"). */
-#define BOARD_LOOKUPS_MAX 40u
+/* How many ticks old the contact may be that is searched for beside them. */
+#define BOARD_LATE_MAX_TICKS 50u
 
 /* Purpose  the device behind this board, and how the loop runs it. */
 cr_servo_config board_settings(void);
 
 /* Purpose  clocks, pins, watchdog; the pace begins.   Output  0; -1: a clock does not start. */
 int board_start(void);
+
+/* When the next period begins, by board_now_ns. */
+uint64_t board_due_ns(void);
 
 /* Purpose  sleep until the next period begins, and keep the watchdog quiet.   Output  periods that were slept over, 0 as a rule. */
 uint32_t board_wait_period(void);

@@ -1,6 +1,7 @@
 /* controller: the device without an operating system. One loop, 1 kHz, paced by the board; no interrupt but its clock.
  *
- * Each period: SYNC, the drives' answers, the tick, its frames. The answer to SYNC k acts from SYNC k + 1 on, as on Linux.
+ * Each period: SYNC, the drives' answers, the tick, its frames. Where the loop would wait, for a frame or for the next period, it searches for
+ * contact, a step at a time, and begins none that by the longest one so far would end too late, but for one after each tick. The answer to SYNC k acts from SYNC k + 1 on, as on Linux.
  * The wrist's angles come over the bus too, from drive Z. */
 #include "board.h"
 #include "can.h"
@@ -10,6 +11,9 @@
 #define DEADLINE_NS 700000u
 /* A world with a few thousand groups and clusters; set-up fails when a scene needs more. */
 #define MEMORY_BYTES (80u * 1024u)
+
+/* Work of one step of the search. */
+#define STEP_WORK 1u
 
 extern const uint8_t _scene_start[], _scene_room_end[];
 
@@ -33,6 +37,18 @@ static void send_all(cr_servo *servo, const cr_tx *tx) {
     }
 }
 
+/* A step of the search, if it will end before then.   Output  1 when one was made. */
+static int search_until(cr_servo *servo, uint64_t until_ns) {
+    static uint64_t longest_ns;
+    const uint64_t from_ns = board_now_ns();
+    if (from_ns + longest_ns >= until_ns || cr_servo_search(servo, STEP_WORK) == 0u) {
+        return 0;
+    }
+    const uint64_t took_ns = board_now_ns() - from_ns;
+    longest_ns = took_ns > longest_ns ? took_ns : longest_ns;
+    return 1;
+}
+
 /* Frames until all drives have answered, or until then. */
 static void collect(cr_servo *servo, uint64_t until_ns) {
     cr_frame frame;
@@ -42,7 +58,7 @@ static void collect(cr_servo *servo, uint64_t until_ns) {
             cr_servo_rx(servo, &frame);
         }
         waiting = board_now_ns() < until_ns && !cr_servo_get_status(servo).ready;
-        if (waiting) {
+        if (waiting && !search_until(servo, until_ns)) {
             can_wait();
         }
     }
@@ -77,6 +93,10 @@ int main(void) {
         return 1;
     }
     for (;;) {
+        (void)search_until(servo, UINT64_MAX); /* one after each tick, however long steps are */
+        while (search_until(servo, board_due_ns())) {
+            /* till there is nothing to search for, or no time */
+        }
         board_wait_period();
         run_period(servo, &config, &last_ns);
     }

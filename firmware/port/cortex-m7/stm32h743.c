@@ -143,8 +143,14 @@ int board_start(void) {
 
 cr_servo_config board_settings(void) {
     cr_servo_config config = cr_servo_config_default();
-    config.world.lookups_max = BOARD_LOOKUPS_MAX;
+    config.late_max_ticks = BOARD_LATE_MAX_TICKS;
     return config;
+}
+
+uint64_t board_due_ns(void) {
+    const uint64_t now_ns = board_now_ns();
+    const uint32_t left = SYSTICK_NOW; /* before the look at the periods: a new one may begin in between */
+    return periods == taken ? now_ns + (uint64_t)left * 25u / 12u : now_ns;
 }
 
 uint32_t board_wait_period(void) {

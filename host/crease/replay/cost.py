@@ -17,7 +17,7 @@ from crease.replay.replay import ReplayOptions, World
 from crease.replay.trajectory import Trajectory
 
 BOARD_WORK = 40
-"""Units of work in a tick, as the boards of the project have it."""
+"""Units of work in a tick that fits an STM32H743 (firmware/DESIGN.md, "A tick that fits")."""
 PERIOD_S = 1e-3
 
 
