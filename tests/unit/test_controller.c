@@ -177,7 +177,8 @@ static void loop_of_the_controller_misses_no_state_once_it_runs(void **state) {
     assert_true(c->missing[0] == 0u && c->missing[1] == 0u && c->missing[2] == 0u);
     assert_true(c->late == 0u && c->send_failed == 0u && c->overruns == 0u && c->wrist_missing == 0u);
     assert_true(board.slept_over == 0u && board.late_ns < 50000u);
-    print_message("%u steps of the search, contact up to %u ticks old\n", (unsigned)board.steps, (unsigned)board.oldest);
+    print_message("%u steps of the search, contact up to %u ticks old\n", (unsigned)board.steps,
+                  (unsigned)board.oldest);
     assert_true(board.steps > 50000u && board.oldest <= 10u); /* all of them where the loop waits */
 }
 
