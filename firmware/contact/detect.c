@@ -32,7 +32,8 @@ static void forget(cr_motion *m) {
 
 /* Adds to an odometer, and what its last bits could not take the next time: many small steps are not nothing. Source  Kahan 1965. */
 static void add_up(float *sum, float *lost, float step) {
-    const float more = step + *lost, next = *sum + more;
+    const float more = step + *lost;
+    const float next = max_f(*sum, *sum + more); /* it never turns back: what was awake at it would sleep */
     *lost = more - (next - *sum);
     *sum = next;
 }

@@ -405,6 +405,26 @@ static void detect_odometers_miss_no_creep(void **state) {
     assert_float_equal(m.turn_rad - turn_rad, 1e-7f * (float)steps, 1e-5f);
 }
 
+/* A sphere that touches wakes when the odometer stands where it stood: one bit back, and it sleeps. */
+static void detect_odometers_never_turn_back(void **state) {
+    (void)state;
+    float wake[CR_LANES];
+    uint64_t seed = 21u;
+    uint32_t rests = 0u;
+    cr_motion m = make_motion(wake, CR_LANES);
+    for (int i = 0; i < 20000; i++) {
+        const cr_pose pose = random_pose(&seed, i % 2 ? 0.01 : 1e-5);
+        cr_motion_advance(&m, &pose);
+        for (int k = 0; k < 3; k++) {
+            const float slide_m = m.slide_m, turn_rad = m.turn_rad;
+            cr_motion_advance(&m, &pose); /* at rest */
+            assert_true(m.slide_m >= slide_m && m.turn_rad >= turn_rad);
+            rests++;
+        }
+    }
+    assert_true(rests > 50000u);
+}
+
 static void detect_forgets_everything_on_its_first_pose(void **state) {
     (void)state;
     float wake[CR_LANES];
@@ -451,6 +471,7 @@ int main(void) {
         cmocka_unit_test(detect_counts_what_exceeds_its_capacities),
         cmocka_unit_test(detect_odometers_bound_the_motion_of_every_point),
         cmocka_unit_test(detect_odometers_miss_no_creep),
+        cmocka_unit_test(detect_odometers_never_turn_back),
         cmocka_unit_test(detect_odometers_start_again_before_they_lose_precision),
         cmocka_unit_test(detect_forgets_everything_on_its_first_pose),
         cmocka_unit_test(detect_is_the_same_across_a_leap),
