@@ -154,7 +154,7 @@ typedef struct {
     cr_vec3 normal_world;  /* unit, out of the static object */
     cr_vec3 point_world_m; /* where the force acts: coverage-weighted centroid */
     cr_vec3 force_world_N;
-    float depth_m;  /* >= 0 along the normal */
+    float depth_m;  /* >= 0 along the normal; of a late answer that rises or falls, what is felt of it */
     float offset_m; /* contact plane: normal . x = offset */
     float area_m2;  /* tool surface inside */
     uint32_t zone_count;
@@ -218,7 +218,8 @@ void cr_world_clear_fault(cr_world *world);
 /* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
  * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
  * Late     an answer that needs more work than lookups_max is found over several ticks, at the pose it began with. Meanwhile
- *          the last areas are answered: their planes stay, their points move with the tool, zones are not reported.
+ *          the last areas are answered: their planes stay, their points move with the tool, zones are not reported. An answer
+ *          that took n > 1 ticks rises over n, in equal parts, and what was felt before falls.
  * Errors   none: see faults and stats.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);

@@ -44,12 +44,12 @@ static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world,
     return v3_scale(v3_sub(p_world, xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
 }
 
-/* Spring and damper along the area normal; it pushes or does nothing. */
-static void push(const cr_world *w, const xform *now, float period_s, cr_area *area) {
+/* Spring and damper along the normal of an area that is felt to a share; it pushes or does nothing. */
+static void push(const cr_world *w, const xform *now, float period_s, float share, cr_area *area) {
     float force = w->config.stiffness_N_m * area->depth_m;
     if (w->config.damping_Ns_m > 0.0f) {
         cr_vec3 v = velocity_at(w, now, area->point_world_m, period_s);
-        force -= w->config.damping_Ns_m * v3_dot(v, area->normal_world);
+        force -= w->config.damping_Ns_m * share * v3_dot(v, area->normal_world);
     }
     area->force_world_N = v3_scale(area->normal_world, max_f(0.0f, force));
 }
@@ -131,11 +131,51 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     out->faults = w->faults;
 }
 
+void cr_drop_hand(cr_world *w) { w->hand.count = w->behind.count = 0u; }
+
 /* Contact found for poses before this one is not this one's. */
 static void forget_contact(cr_world *w) {
     w->felt.memory++;
-    w->hand.count = 0u;
-    w->hand.at = w->felt;
+    cr_drop_hand(w);
+    w->hand.stamp = w->felt.stamp;
+}
+
+/* How much of the contact in hand is felt at the feel with this stamp. */
+static float share_of_hand(const cr_world *w, uint32_t stamp) {
+    const uint32_t risen = stamp - w->taken + 1u;
+    return risen < w->rises ? (float)risen / (float)w->rises : 1.0f;
+}
+
+/* What was felt last falls from now on: the contact in hand, and what was falling behind it as far as there is room. */
+static void move_behind(cr_world *w) {
+    const float share = share_of_hand(w, w->felt.stamp - 1u);
+    const cr_behind before = w->behind;
+    cr_behind *to = &w->behind;
+    to->count = w->hand.count;
+    for (uint32_t i = 0; i < to->count; i++) {
+        to->held[i] = w->hand.held[i];
+        to->share[i] = share;
+    }
+    for (uint32_t i = 0; i < before.count && share < 1.0f && to->count < CR_AREAS_MAX; i++, to->count++) {
+        to->held[to->count] = before.held[i];
+        to->share[to->count] = before.share[i] * (1.0f - share);
+    }
+}
+
+void cr_take_hand(cr_world *w, const cr_hand *answer) {
+    const uint32_t age = w->felt.stamp - answer->stamp;
+    if (age > 1u) {
+        move_behind(w);
+    } else {
+        w->behind.count = 0u;
+    }
+    w->rises = age;
+    w->taken = w->felt.stamp;
+    w->hand.stamp = answer->stamp;
+    w->hand.count = answer->count;
+    for (uint32_t i = 0; i < answer->count; i++) {
+        w->hand.held[i] = answer->held[i];
+    }
 }
 
 void cr_world_clear_fault(cr_world *world) {
@@ -147,48 +187,39 @@ void cr_world_clear_fault(cr_world *world) {
 #endif
 }
 
-/* The areas in hand, at the pose they are true for. */
-static void list_hand(const cr_hand *hand, cr_output *out) {
-    out->area_count = hand->count;
-    for (uint32_t i = 0; i < out->area_count; i++) {
-        const cr_held *h = &hand->held[i];
-        cr_area *a = &out->areas[i];
-        a->normal_world = h->normal_world;
-        a->point_world_m = h->point_world_m;
-        a->depth_m = h->depth_m;
-        a->offset_m = h->offset_m;
-        a->area_m2 = h->area_m2;
-        a->zone_count = 0u;
+/* A half-space that was found earlier as it is felt at this pose: the plane stays where it is, the point moves with the tool. Where that is out of its plane
+ * there is no area in this tick; the next one may be in it again. */
+static void list(const xform *now, const cr_held *h, float felt, cr_output *out, float *share) {
+    const cr_vec3 p = xform_point(now, h->point_tool_m);
+    const float depth_m = h->offset_m - v3_dot(h->normal_world, p);
+    if (depth_m <= 0.0f || out->area_count == CR_AREAS_MAX) {
+        return;
+    }
+    share[out->area_count] = felt;
+    cr_area *a = &out->areas[out->area_count++];
+    a->normal_world = h->normal_world;
+    a->point_world_m = p;
+    a->depth_m = felt * depth_m; /* not a number too: a fault */
+    a->offset_m = h->offset_m;
+    a->area_m2 = h->area_m2;
+    a->zone_count = 0u;
+}
+
+/* The contact in hand, and what falls behind it. */
+static void list_hand(const cr_world *w, const xform *now, cr_output *out, float *share) {
+    const float felt = share_of_hand(w, w->felt.stamp);
+    for (uint32_t i = 0; i < w->hand.count; i++) {
+        list(now, &w->hand.held[i], felt, out, share);
+    }
+    for (uint32_t i = 0; i < w->behind.count && felt < 1.0f; i++) {
+        list(now, &w->behind.held[i], w->behind.share[i] * (1.0f - felt), out, share);
     }
 }
 
-/* Areas of an earlier pose as they are felt at this one: the plane stays where it is, the point moves with the tool. What has come out of its plane is
- * no area of this tick; the next one may be in it again. */
-static void carry(const cr_pose *from, const xform *now, cr_output *out) {
-    const xform then = xform_from_pose(from);
-    uint32_t kept = 0u;
-    for (uint32_t i = 0; i < out->area_count; i++) {
-        cr_area *a = &out->areas[i];
-        cr_vec3 p_tool = xform_unrotate(&then, v3_sub(a->point_world_m, then.t));
-        cr_vec3 p = xform_point(now, p_tool);
-        const float depth_m = a->depth_m - v3_dot(a->normal_world, v3_sub(p, a->point_world_m));
-        if (depth_m <= 0.0f) {
-            continue;
-        }
-        a->depth_m = depth_m; /* not a number too: a fault */
-        a->point_world_m = p;
-        if (kept != i) {
-            out->areas[kept] = *a;
-        }
-        kept++;
-    }
-    out->area_count = kept;
-}
-
-static void push_all(cr_world *w, const xform *now, float period_s, cr_output *out) {
+static void push_all(cr_world *w, const xform *now, float period_s, const float *share, cr_output *out) {
     float depth_m[CR_AREAS_MAX];
     for (uint32_t i = 0; i < out->area_count; i++) {
-        push(w, now, period_s, &out->areas[i]);
+        push(w, now, period_s, share[i], &out->areas[i]);
     }
     find_depths(&w->config, out, depth_m);
     sum_wrench(&w->config, now->t, depth_m, out);
@@ -214,25 +245,26 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 }
 
 /* What the contact in hand does at this pose. */
-static void feel(cr_world *w, float period_s, int areas_whole, cr_output *out) {
+static void feel(cr_world *w, float period_s, cr_output *out) {
     const xform now = xform_from_pose(&w->felt.pose);
-    if (areas_whole) {
-        out->area_count = w->hand.count;
-    } else {
-        list_hand(&w->hand, out);
-    }
+    float share[CR_AREAS_MAX];
     if (out->stats.late_ticks > 0u) {
-        carry(&w->hand.at.pose, &now, out);
+        list_hand(w, &now, out, share);
+    } else {
+        out->area_count = w->hand.count;
+        for (uint32_t i = 0; i < out->area_count; i++) {
+            share[i] = 1.0f;
+        }
     }
     if (out->area_count > 0u) {
-        push_all(w, &now, period_s, out);
+        push_all(w, &now, period_s, share, out);
     }
 }
 
-void cr_render(cr_world *w, float period_s, int areas_whole, cr_output *out) {
-    out->stats.late_ticks = w->felt.stamp - w->hand.at.stamp;
-    if (w->hand.count > 0u) {
-        feel(w, period_s, areas_whole, out);
+void cr_render(cr_world *w, float period_s, cr_output *out) {
+    out->stats.late_ticks = w->felt.stamp - w->hand.stamp;
+    if (w->hand.count + w->behind.count > 0u) {
+        feel(w, period_s, out);
     }
     w->previous = w->felt.pose;
     w->has_previous = 1u;

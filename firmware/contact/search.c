@@ -31,12 +31,12 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
 }
 
 /* What later ticks need of the areas that were answered. */
-static void keep(const cr_pose *at, const cr_area *areas, cr_hand *hand) {
+static void keep(const xform *at, const cr_area *areas, cr_hand *hand) {
     CR_ASSERT(hand->count <= CR_AREAS_MAX);
-    hand->at.pose = *at;
     for (uint32_t i = 0; i < hand->count; i++) {
         const cr_area *a = &areas[i];
-        hand->held[i] = (cr_held){a->normal_world, a->point_world_m, a->depth_m, a->offset_m, a->area_m2};
+        const cr_vec3 point_tool_m = xform_unrotate(at, v3_sub(a->point_world_m, at->t));
+        hand->held[i] = (cr_held){a->normal_world, point_tool_m, a->offset_m, a->area_m2};
     }
 }
 
@@ -48,11 +48,9 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
         return 0;
     }
     w->found = w->answering = 0u;
-    hand->at.stamp = w->searched_stamp;
-    hand->at.memory = w->searched_memory;
-    if (hand->count > 0u) {
-        keep(&w->motion.last, areas, hand);
-    }
+    hand->stamp = w->searched_stamp;
+    hand->memory = w->searched_memory;
+    keep(at, areas, hand);
     stats->contacts = w->set.contacts;
     stats->clusters = w->set.hit_count;
 #ifdef CR_RIVALS

@@ -7,8 +7,10 @@
 void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     const cr_slice slice = {.work = w->config.lookups_max, .slices_max = CR_SEARCH_TICKS_MAX};
     if (cr_accept(w, world_from_tool, period_s, out)) {
-        const int whole = cr_search_slice(w, &w->felt, &slice, &w->hand, out->areas, &out->stats);
-        cr_render(w, period_s, whole, out);
+        if (cr_search_slice(w, &w->felt, &slice, &w->made, out->areas, &out->stats)) {
+            cr_take_hand(w, &w->made);
+        }
+        cr_render(w, period_s, out);
     }
 }
 
@@ -19,7 +21,7 @@ uint32_t cr_search(cr_world *w, uint32_t work) {
     if (cr_mailbox_take(&w->poses, w->pose_words, &newest, CR_WORDS_OF(cr_felt), &w->poses_seen)) {
         w->wanted = newest;
     }
-    if (w->wanted.stamp == w->made.at.stamp && w->wanted.memory == w->made.at.memory) {
+    if (w->wanted.stamp == w->made.stamp && w->wanted.memory == w->made.memory) {
         return 0u;
     }
     if (cr_search_slice(w, &w->wanted, &slice, &w->made, w->way.areas, &stats)) {
@@ -40,10 +42,10 @@ void cr_feel(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_out
     if (cr_accept(w, world_from_tool, period_s, out)) {
         /* Taken first: an answer is of an earlier feel, never of this one, however fast the search. So a recording can put it between two ticks. */
         if (cr_mailbox_take(&w->hands, w->hand_words, &newest, CR_WORDS_OF(cr_hand), &w->hands_seen) &&
-            newest.at.memory == w->felt.memory) {
-            w->hand = newest;
+            newest.memory == w->felt.memory) {
+            cr_take_hand(w, &newest);
         }
         cr_mailbox_put(&w->poses, w->pose_words, &w->felt, CR_WORDS_OF(cr_felt));
-        cr_render(w, period_s, 0, out);
+        cr_render(w, period_s, out);
     }
 }

@@ -13,18 +13,25 @@ typedef struct {
     cr_pose pose;
 } cr_felt;
 
-/* A half-space that pushes, as it is kept until the next answer. */
+/* A half-space that pushes, as it is kept until the next answer: its plane stays in the world, its point on the tool. */
 typedef struct {
-    cr_vec3 normal_world, point_world_m;
-    float depth_m, offset_m, area_m2;
+    cr_vec3 normal_world, point_tool_m;
+    float offset_m, area_m2;
 } cr_held;
 
-/* The contact at a pose. */
+/* The contact at the pose with these two numbers. */
 typedef struct {
-    cr_felt at;
+    uint32_t stamp, memory;
     uint32_t count;
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
+
+/* What was felt before the newest contact was taken up, each with the share of it that was felt then. */
+typedef struct {
+    uint32_t count;
+    float share[CR_AREAS_MAX];
+    cr_held held[CR_AREAS_MAX];
+} cr_behind;
 
 #define CR_WORDS_OF(type) ((uint32_t)(sizeof(type) / sizeof(uint32_t)))
 
@@ -37,7 +44,9 @@ struct cr_world {
     cr_felt felt;     /* the last */
     cr_pose previous; /* the last good one */
     uint32_t has_previous, faults;
-    cr_hand hand; /* the newest contact */
+    cr_hand hand;          /* the newest contact, */
+    uint32_t taken, rises; /* taken up at the feel with this stamp: it rises over so many, */
+    cr_behind behind;      /* while this falls */
 
     /* between them */
     _Atomic uint32_t poses, hands;
@@ -81,8 +90,14 @@ void cr_answer(cr_world *w, const cr_felt *at);
 /* Purpose  check a pose and take it for the next to be felt.   Output  1, or 0 with a fault latched and out of no force. */
 int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out);
 
+/* Purpose  take up an answer at the pose that was accepted: one that is n > 1 feels old rises over n feels, and what was felt before falls. */
+void cr_take_hand(cr_world *w, const cr_hand *answer);
+
+/* Purpose  let go of the contact in hand: the next answer rises from nothing. */
+void cr_drop_hand(cr_world *w);
+
 /* Purpose  the wrench of the contact in hand at the pose that was accepted.
- * Shapes   areas_whole: 1 when out->areas hold it already, zones with it. */
-void cr_render(cr_world *w, float period_s, int areas_whole, cr_output *out);
+ * Shapes   out->areas hold it already, zones with it, when it was found at this pose. */
+void cr_render(cr_world *w, float period_s, cr_output *out);
 
 #endif

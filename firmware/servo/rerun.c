@@ -16,7 +16,7 @@ static void answer_as_recorded(cr_servo *s, const cr_record *r, const cr_pose *f
     }
     at.stamp = at.stamp + 1u - late;
     at.pose = felt[at.stamp & CR_LATE_MAX];
-    if (at.stamp != s->world->hand.at.stamp) {
+    if (at.stamp != s->world->hand.stamp) {
         cr_answer(s->world, &at);
     }
 }

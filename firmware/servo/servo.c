@@ -1,4 +1,5 @@
 /* servo: one period of the device. The only file that knows all stages of the servo; reads as the list of them. */
+#include "contact/world.h"
 #include "servo/servo_stages.h"
 
 #include <string.h>
@@ -238,6 +239,7 @@ static uint32_t feel_contact(cr_servo *s, float since_s) {
         return 0u;
     }
     s->late = late_max + 1u;
+    cr_drop_hand(s->world);
     feel_nothing(s);
     return cr_mode_is_rendering(s->mode) ? (uint32_t)CR_FAULT_LATE : 0u;
 }

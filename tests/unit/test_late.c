@@ -186,18 +186,19 @@ static void what_a_search_cannot_see_in_its_time_is_left_out(void **state) {
     crt_tool_free(&slab);
 }
 
-/* Straight into a flat wall the plane is the wall's: carried along, the depth is that of the pose at hand. */
+/* Straight into a flat wall the plane is the wall's: carried along, the depth is that of the pose at hand, once the first answer has risen. */
 static void late_force_of_a_wall_is_that_of_the_pose(void **state) {
     (void)state;
     restart_with_few_lookups(&wall);
-    uint32_t late = 0u, felt = 0u;
+    uint32_t late = 0u, felt = 0u, rises = 0u;
     for (int i = 0; i < 200; i++) {
         const double depth = 1e-3 + 0.5e-3 * sin(0.1 * i);
         const cr_pose pose = pressed(depth);
         const cr_output out = tick(&wall, &pose);
         late += out.stats.late_ticks > 0u;
+        rises = felt == 0u ? out.stats.late_ticks : rises;
         felt += out.area_count > 0u;
-        if (felt > 0u) {
+        if (felt >= rises) {
             assert_float_equal(out.force_world_N.z, STIFFNESS_N_M * (float)depth, ROUNDING_N);
             assert_float_equal(out.depth_m, (float)depth, ROUNDING_N / STIFFNESS_N_M);
         }
@@ -230,6 +231,53 @@ static void late_force_ends_where_the_tool_leaves(void **state) {
     assert_true(silent > 25u);
 }
 
+/* An answer that took n ticks is felt to the n-th part at first, and in full n - 1 ticks later. */
+static void late_answer_rises_over_the_ticks_it_took(void **state) {
+    (void)state;
+    restart_with_few_lookups(&wall);
+    const cr_pose pose = pressed(1e-3);
+    uint32_t rises = 0u, felt = 0u;
+    for (int i = 0; i < 60; i++) {
+        const cr_output out = tick(&wall, &pose);
+        rises = felt == 0u ? out.stats.late_ticks : rises;
+        felt += out.area_count > 0u;
+        const float share = min_f(1.0f, (float)felt / (float)rises);
+        assert_float_equal(out.force_world_N.z, felt > 0u ? share * STIFFNESS_N_M * 1e-3f : 0.0f, ROUNDING_N);
+        assert_float_equal(out.depth_m, felt > 0u ? share * 1e-3f : 0.0f, ROUNDING_N / STIFFNESS_N_M);
+    }
+    assert_true(rises > 2u && felt > 40u);
+}
+
+/* Where the newest answer differs from the one before, the force goes from this one to that one in equal steps, in as many as it took. */
+static void late_answer_takes_over_in_equal_steps(void **state) {
+    (void)state;
+    cr_pose beside = crt_pose(5e-3, 0.0, 6e-3), on = crt_pose(-4e-3, 0.0, 8.5e-3);
+    beside.rot = on.rot = crt_turn(0.2, 1.0, 0.3, 0.5);
+    crt_restart(&edge, NULL);
+    const cr_output prompt = tick(&edge, &on);
+    restart_with_few_lookups(&edge);
+    cr_output out = tick(&edge, &beside);
+    for (int i = 0; i < 60; i++) {
+        out = tick(&edge, &beside);
+    }
+    cr_vec3 steps[60], before = tick(&edge, &on).force_world_N, from = before;
+    uint32_t rises = 0u, moved = 0u;
+    for (int i = 0; i < 60; i++) {
+        out = tick(&edge, &on);
+        steps[i] = v3_sub(out.force_world_N, before);
+        before = out.force_world_N;
+        if (v3_norm(steps[i]) > 1e-3f) {
+            rises = moved == 0u ? out.stats.late_ticks : rises;
+            moved++;
+            const cr_vec3 step = v3_scale(v3_sub(prompt.force_world_N, from), 1.0f / (float)rises);
+            assert_float_equal(v3_norm(v3_sub(steps[i], step)), 0.0f, 2e-3f);
+        }
+    }
+    assert_true(rises > 2u && moved == rises);
+    assert_true(v3_norm(v3_sub(prompt.force_world_N, from)) > 0.5f);
+    assert_float_equal(v3_norm(v3_sub(before, prompt.force_world_N)), 0.0f, 2e-3f);
+}
+
 /* A tool at rest: the late answer is that of an unlimited search, but for rounding. */
 static void late_force_at_rest_is_the_whole_one(void **state) {
     (void)state;
@@ -258,7 +306,7 @@ static void late_ticks_tell_the_age_of_the_answer(void **state) {
     uint32_t before = 0u;
     for (int i = 0; i < 60; i++) {
         const cr_output out = tick(&wall, &pose);
-        assert_true(out.stats.late_ticks == before + 1u || (out.stats.late_ticks <= before && out.zone_count > 0u));
+        assert_true(out.stats.late_ticks == before + 1u || (out.stats.late_ticks <= before && out.area_count > 0u));
         assert_true(out.stats.late_ticks < 20u);
         before = out.stats.late_ticks;
     }
@@ -304,6 +352,8 @@ int main(void) {
         cmocka_unit_test(depths_measured_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),
         cmocka_unit_test(late_force_ends_where_the_tool_leaves),
+        cmocka_unit_test(late_answer_rises_over_the_ticks_it_took),
+        cmocka_unit_test(late_answer_takes_over_in_equal_steps),
         cmocka_unit_test(late_force_at_rest_is_the_whole_one),
         cmocka_unit_test(late_ticks_tell_the_age_of_the_answer),
         cmocka_unit_test(late_contact_is_forgotten_by_a_fault),

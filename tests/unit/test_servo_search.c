@@ -153,6 +153,22 @@ static void search_that_stands_still_is_none_while_nothing_is_rendered(void **st
         assert_true((r->contact_force_world_N.z > 0.0f) == (r->contact_late_ticks <= LATE_MAX));
     }
     assert_int_equal(cr_servo_get_record(l.servo)->contact_late_ticks, LATE_MAX + 1u);
+    /* It answers again: what is too old to be felt does not come back beside the first answer that is not. */
+    l.search[1] = 1u;
+    l.search_work = 24u;
+    float before_N = 0.0f;
+    uint32_t rises = 0u, felt = 0u;
+    for (uint32_t k = 0; k < 4u * LATE_MAX && (rises == 0u || felt < rises); k++) {
+        crt_loop_period(&l);
+        const cr_record *r = cr_servo_get_record(l.servo);
+        const float force_N = r->contact_force_world_N.z;
+        rises = felt == 0u && force_N > 0.0f ? r->contact_late_ticks : rises;
+        felt += force_N > 0.0f;
+        assert_true(rises == 0u || before_N == 0.0f ||
+                    fabsf(force_N - before_N * (float)felt / (float)(felt - 1u)) < 0.1f * force_N);
+        before_N = force_N;
+    }
+    assert_true(rises > 1u && felt == rises);
     const cr_rerun result = run_again(&l, l.records, 3u);
     assert_int_equal(result.different, 0);
     crt_loop_free(&l);
