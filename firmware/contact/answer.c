@@ -93,19 +93,46 @@ static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr
     }
 }
 
-uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
-    cr_way_zones *zones = &in->set->way;
-    cr_way_half *half = work->half;
+static void count_pairs(cr_way_work *work, uint32_t pairs) {
+    work->pairs += pairs;
+    work->spent += work->pairs / PAIRS_OF_WORK;
+    work->pairs %= PAIRS_OF_WORK;
+}
+
+static void begin_push(cr_way_work *work) {
+    const cr_way_half *half = work->half;
     const uint32_t count = work->relations.half_count;
-    uint32_t made = 0u;
-    CR_ASSERT(count <= zones->count && room <= CR_AREAS_MAX);
     for (uint32_t h = 0; h < count; h++) {
         const cr_vec3 n = half[h].normal;
         work->normal[h] = n;
         work->depth_m[h] = v3_dot(n, n) <= 0.5f ? 0.0f : half[h].depth_m * half[h].open;
     }
-    work->spent += cr_way_resolve(work->normal, work->depth_m, count, &work->along, work->push_m) / PAIRS_OF_WORK +
-                   count / HALVES_OF_WORK;
+    cr_way_resolve_begin(work->normal, work->depth_m, count, &work->along, work->push_m);
+    work->resolving = 1u;
+    work->pairs = 0u;
+    count_pairs(work, 2u * work->along.count * work->along.count);
+    work->spent += count / HALVES_OF_WORK; /* to be reported */
+}
+
+int cr_way_push(cr_way_work *work, uint32_t lookups_max) {
+    int still = 0;
+    while (!still && work->spent < lookups_max) {
+        if (work->resolving == 0u) {
+            begin_push(work);
+        } else {
+            still = cr_way_resolve_sweep(work->depth_m, &work->along, work->push_m);
+            count_pairs(work, work->along.count * work->along.count);
+        }
+    }
+    return still;
+}
+
+uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
+    cr_way_zones *zones = &in->set->way;
+    const cr_way_half *half = work->half;
+    const uint32_t count = work->relations.half_count;
+    uint32_t made = 0u;
+    CR_ASSERT(count <= zones->count && room <= CR_AREAS_MAX);
     for (uint32_t h = 0; h < count; h++) {
         const float push_m = work->push_m[h];
         work->area[h] = CR_HIT_NONE;

@@ -259,7 +259,7 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
 
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     cr_way_relate(in->field->scene, &in->set->way, &work->relations);
-    work->next = work->done = 0u;
+    work->next = work->done = work->resolving = 0u;
     work->spent = in->set->way.count;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;

@@ -21,7 +21,7 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
         w->answering = 1u;
     }
     w->way.spent += w->search.spent;
-    const int whole = cr_way_measure(&in, &w->way, slice->work);
+    const int whole = cr_way_measure(&in, &w->way, slice->work) && cr_way_push(&w->way, slice->work);
     if (whole) {
         hand->count = cr_way_answer(&in, &w->way, areas, CR_AREAS_MAX, stats);
     }

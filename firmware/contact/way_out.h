@@ -133,15 +133,21 @@ typedef struct {
 /* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m. */
 float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits);
 
-/* How far each half-space leads along the normal of each other: 0 where it leads away. */
+/* Those half-spaces that have a depth, and how far each leads along the normal of each other: 0 where it leads away. */
 typedef struct {
+    uint32_t count, felt[CR_WAY_ZONES_MAX];
+    uint32_t sweeps; /* made */
+    float still_m;   /* a sweep that moves none by more is the last */
     float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];
 } cr_way_along;
 
 /* Purpose  how much each half-space pushes: the sum of lambda normal is the shortest translation out of all; those that oppose each other do not see each other.
- * Shapes   normal unit, depth_m, out lambda_m: [count]; along: room.   Output  how many pairs of half-spaces were looked at. */
-uint32_t cr_way_resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along,
-                        float *lambda_m);
+ * Shapes   normal unit, depth_m, out lambda_m: [count].   Output  lambda_m: none pushes yet. */
+void cr_way_resolve_begin(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along,
+                          float *lambda_m);
+
+/* Purpose  one sweep over them.   Output  1: it was the last; 0: sweep again.   Cost  pairs of those with a depth. */
+int cr_way_resolve_sweep(const float *depth_m, cr_way_along *along, float *lambda_m);
 
 /* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
 typedef struct {
@@ -178,6 +184,8 @@ typedef struct {
     uint32_t done, begun,
         seen; /* half-spaces that the hit in hand has counted for: in all, before this tick, met in it */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
+    uint32_t resolving;                 /* 1: all are; */
+    uint32_t pairs;                     /* looked at and not counted as work yet */
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
@@ -236,7 +244,10 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
  * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the hit that takes it to lookups_max. */
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
 
-/* Purpose  the response, of what was measured.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
+/* Purpose  how much each half-space pushes, once all is measured.   Output  1 when it is known; with 0 call again.   Cost  as cr_way_measure; ends with a sweep. */
+int cr_way_push(cr_way_work *work, uint32_t lookups_max);
+
+/* Purpose  the response, of what pushes.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats);
 
 #endif

@@ -63,6 +63,7 @@ static void time_pose(bench *b, const cr_config *config, const cr_pose *pose, cr
     cr_way_measure(&in, &b->work, UINT32_MAX);
     row->depth_ns = since(start);
     start = now_ns();
+    cr_way_push(&b->work, UINT32_MAX);
     row->areas = cr_way_answer(&in, &b->work, b->answers, CR_AREAS_MAX, &b->stats);
     row->resolve_ns = since(start);
 }

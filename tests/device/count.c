@@ -51,7 +51,7 @@ static const struct {
              {"cr_detect", DETECT, 0},
              {"cr_way_relate", RELATE, 0},
              {"cr_way_measure", DEPTH, 0},
-             {"cr_way_resolve", RESOLVE, 0},
+             {"cr_way_push", RESOLVE, 0},
              {"cr_search_slice", TICK, 1},
              {"cr_feel", FEEL, 1},
              {"cr_search", TICK, 1},

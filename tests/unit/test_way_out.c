@@ -374,6 +374,7 @@ static void contacts_beyond_their_room_are_counted(void **state) {
     const cr_respond_input in = {.field = &rig.field, .world_from_tool = &at, .set = &set, .config = &config};
     cr_way_begin(&in, &work);
     assert_int_equal(cr_way_measure(&in, &work, UINT32_MAX), 1);
+    assert_int_equal(cr_way_push(&work, UINT32_MAX), 1);
     assert_int_equal(cr_way_answer(&in, &work, areas, 2u, &stats), 2);
     assert_int_equal(stats.areas_merged, 0);
     assert_int_equal(cr_way_answer(&in, &work, areas, 1u, &stats), 1);
@@ -435,20 +436,53 @@ static void exits_that_are_the_same_are_one(void **state) {
     crt_close(&rig);
 }
 
+static void resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *push_m) {
+    static cr_way_along along;
+    cr_way_resolve_begin(normal, depth_m, count, &along, push_m);
+    while (!cr_way_resolve_sweep(depth_m, &along, push_m)) {
+    }
+}
+
 /* Contacts that push one against another, or share a wall: no more than their own depth each. */
 static void resolve_pushes_no_contact_beyond_its_depth(void **state) {
     (void)state;
     const float slope = sqrtf(0.5f);
     const cr_vec3 up = v3(0.0f, 0.0f, 1.0f), down = v3(0.0f, 0.0f, -1.0f), side = v3(1.0f, 0.0f, 0.0f),
                   between = v3(slope, 0.0f, slope);
-    static cr_way_along along;
     float push[3];
-    cr_way_resolve((cr_vec3[]){up, up}, (float[]){1e-3f, 1e-3f}, 2u, &along, push); /* one wall in two: one push */
+    resolve((cr_vec3[]){up, up}, (float[]){1e-3f, 1e-3f}, 2u, push); /* one wall in two: one push */
     assert_true(fabsf(push[0] + push[1] - 1e-3f) < (float)MICRO_N);
-    cr_way_resolve((cr_vec3[]){up, down}, (float[]){1.2e-3f, 1e-3f}, 2u, &along, push);
+    resolve((cr_vec3[]){up, down}, (float[]){1.2e-3f, 1e-3f}, 2u, push);
     assert_true(push[0] == 1.2e-3f && push[1] == 1e-3f);
-    cr_way_resolve((cr_vec3[]){up, side, between}, (float[]){1e-3f, 2e-3f, 1e-3f}, 3u, &along, push);
+    resolve((cr_vec3[]){up, side, between}, (float[]){1e-3f, 2e-3f, 1e-3f}, 3u, push);
     assert_true(push[0] == 1e-3f && push[1] == 2e-3f && push[2] == 0.0f); /* led out of by the two already */
+}
+
+/* However many half-spaces, it stops within a sweep of what it may do, and what it finds is the same to the bit. */
+static void pushes_found_in_pieces_are_the_same_to_the_bit(void **state) {
+    (void)state;
+    static cr_way_work whole, pieces;
+    const uint32_t count = CR_WAY_ZONES_MAX, sweep = (count * count + 255u) / 256u;
+    whole.relations.half_count = count;
+    for (uint32_t h = 0; h < count; h++) {
+        const float turn = 0.7f * (float)h, rise = 0.2f + 0.03f * (float)h;
+        const float flat = sqrtf(1.0f - rise * rise);
+        whole.half[h].normal = v3(flat * cosf(turn), flat * sinf(turn), rise);
+        whole.half[h].depth_m = 1e-3f + 1e-4f * (float)(h * h % 11u);
+        whole.half[h].open = 1.0f;
+    }
+    pieces = whole;
+    assert_int_equal(cr_way_push(&whole, UINT32_MAX), 1);
+    assert_true(whole.along.sweeps > 5u && whole.along.count == count);
+    uint32_t spent = 0u, calls = 0u;
+    for (int done = 0; !done; calls++) {
+        pieces.spent = 0u;
+        done = cr_way_push(&pieces, 1u);
+        assert_true(pieces.spent > 0u && pieces.spent <= (calls == 0u ? 2u * sweep + count : sweep));
+        spent += pieces.spent;
+    }
+    assert_true(calls == 1u + whole.along.sweeps && spent == whole.spent);
+    assert_memory_equal(pieces.push_m, whole.push_m, sizeof whole.push_m);
 }
 
 /* Half-spaces of one direction share their moment; one that does not push, whose arm is a moment over next to no force, has no part in it. */
@@ -486,6 +520,7 @@ int main(void) {
         cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),
         cmocka_unit_test(resolve_pushes_no_contact_beyond_its_depth),
+        cmocka_unit_test(pushes_found_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(what_does_not_push_turns_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
