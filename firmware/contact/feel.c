@@ -192,7 +192,11 @@ void cr_world_clear_fault(cr_world *world) {
 static void list(const xform *now, const cr_held *h, float felt, cr_output *out, float *share) {
     const cr_vec3 p = xform_point(now, h->point_tool_m);
     const float depth_m = h->offset_m - v3_dot(h->normal_world, p);
-    if (depth_m <= 0.0f || out->area_count == CR_AREAS_MAX) {
+    if (depth_m <= 0.0f) {
+        return;
+    }
+    if (out->area_count == CR_AREAS_MAX) {
+        out->stats.areas_merged++;
         return;
     }
     share[out->area_count] = felt;
