@@ -297,7 +297,9 @@ coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp $(if $(Q
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/host/test_units.py,tests)
 
 # The long one, and the one of two threads, reach nothing that the others do not; what is covered is what ships, not what was built with rivals beside it.
-COVERING := $(filter-out test_soak test_two_threads $(RIVAL_TESTS),$(TEST_NAMES))
+# The longest begin first.
+LONG_TESTS := test_way_out test_bitflips
+COVERING := $(LONG_TESTS) $(filter-out $(LONG_TESTS) test_soak test_two_threads $(RIVAL_TESTS),$(TEST_NAMES))
 
 coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
