@@ -1,6 +1,8 @@
 /* feel: the contact in hand at a pose -> wrench, and a pose for the eye. */
 #include "contact/world.h"
 
+#include <string.h>
+
 #define POSITION_MAX_M 1e4f
 #define QUATERNION_TOLERANCE 0.01f
 /* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
@@ -152,8 +154,8 @@ static void move_behind(cr_world *w) {
     const cr_behind before = w->behind;
     cr_behind *to = &w->behind;
     to->count = w->hand.count;
+    memcpy(to->held, w->hand.held, to->count * sizeof *to->held);
     for (uint32_t i = 0; i < to->count; i++) {
-        to->held[i] = w->hand.held[i];
         to->share[i] = share;
     }
     for (uint32_t i = 0; i < before.count && share < 1.0f && to->count < CR_AREAS_MAX; i++, to->count++) {
@@ -173,9 +175,7 @@ void cr_take_hand(cr_world *w, const cr_hand *answer) {
     w->taken = w->felt.stamp;
     w->hand.stamp = answer->stamp;
     w->hand.count = answer->count;
-    for (uint32_t i = 0; i < answer->count; i++) {
-        w->hand.held[i] = answer->held[i];
-    }
+    memcpy(w->hand.held, answer->held, answer->count * sizeof *answer->held);
 }
 
 void cr_world_clear_fault(cr_world *world) {

@@ -108,6 +108,17 @@ def refined(poses: F64, parts: int) -> F64:
     return fine
 
 
+def risen(ages: npt.NDArray[np.uint32], felt: npt.NDArray[np.bool_]) -> int:
+    """The first tick at which an answer of a contact is felt in full: one of n ticks rises over n."""
+    late = ages.astype(np.int64)
+    taken = np.flatnonzero(np.diff(late, prepend=0) <= 0)
+    taken = taken[taken >= np.argmax(felt)]
+    whole = np.diff(taken) >= late[taken[:-1]]
+    assert whole.any()
+    first = int(taken[np.argmax(whole)])
+    return first + int(late[first])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ball-round-edge", "cube-over-edge", "ball-over-corner"])
 def test_answers_of_several_ticks_do_not_jump(name: str) -> None:
@@ -117,7 +128,8 @@ def test_answers_of_several_ticks_do_not_jump(name: str) -> None:
     for parts in (1, 2, 4):
         rows = run(scene, refined(poses, parts), ReplayOptions(lookups_max=32))
         assert (rows["late_ticks"] > 0).mean() > 0.5
-        answered = int(np.argmax(rows["areas"] > 0))  # the path may begin in contact
+        answered = risen(rows["late_ticks"], rows["areas"] > 0)  # the path may begin in contact
+        assert answered < len(rows) // 2
         steps = np.diff(rows["force_N"][answered:].astype(np.float64), axis=0)
         changes.append(float(np.linalg.norm(steps, axis=1).max()))
     for coarse, fine in pairwise(changes):
