@@ -14,11 +14,14 @@ from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
 from crease.base.units import parse_size
 from crease.replay.cost import (
+    BOARD_WORK,
+    PERIOD_S,
     beside_ticks,
     cost_of,
     device_names,
     find_device,
     instructions_of,
+    within_ticks,
 )
 from crease.replay.replay import World
 from crease.replay.trajectory import load_trajectory
@@ -176,6 +179,41 @@ def test_search_beside_the_ticks_is_told_too(scene_crs: Path, press_csv: Path) -
     assert none.late_most == len(path)
     assert fast.step == slow.step > 0
     assert slow.largest_s == pytest.approx((slow.feel + slow.step) / 40e6)
+
+
+def controller_rows() -> list[list[str]]:
+    """Cells of the table of README.md, by name."""
+    scene = open_scene(ROOT / "build" / "scenes" / "edge90_cube.crs")
+    path = load_trajectory(ROOT / "build" / "meshes" / "edge90_cube.csv")
+    rows = []
+    for name in device_names():
+        cost = cost_of(scene, name, path=path)
+        assert cost.within is not None
+        assert cost.beside is not None
+        room = f"{cost.device.scene_bytes // 1024:,} KiB"
+        row = [f"`{name}`", room if cost.fits else f"{room}, too small"]
+        for along in (cost.within, cost.beside):
+            row += [
+                f"{1e3 * along.largest_s:.2f} ms",
+                "yes" if along.largest_s <= PERIOD_S else "no",
+                f"{along.late_mean:.1f} / {along.late_most}",
+            ]
+        rows.append(row)
+    return rows
+
+
+def test_table_of_controllers_in_the_readme_is_what_info_tells() -> None:
+    text = (ROOT / "README.md").read_text("utf-8")
+    (table,) = re.findall(r"<!-- devices: begin -->\n(.*?)<!-- devices: end -->", text, re.DOTALL)
+    head, _, *rows = (
+        [c.strip() for c in line.strip("|").split("|")] for line in table.splitlines()
+    )
+    assert len(head) == 8
+    assert rows == controller_rows()
+    scene = open_scene(ROOT / "build" / "scenes" / "edge90_cube.crs")
+    path = load_trajectory(ROOT / "build" / "meshes" / "edge90_cube.csv")
+    assert f"`edge90_cube`: an image of {len(scene.image) / 1024:,.0f} KiB" in text
+    assert f"counted work ({within_ticks(scene, path, BOARD_WORK, 1e6).most:,} here" in text
 
 
 def longest_step(world: World, pose: list[float]) -> int:
