@@ -99,8 +99,9 @@ typedef struct {
     float period_s;       /* nominal; 0.2e-3..0.1 */
     float overrun_s;      /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
     float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
-    /* 0: a tick searches for contact itself, as cr_tick. Else cr_servo_search does, beside the ticks, and contact of a pose so
-     * many ticks ago may be felt; older is not, and is a fault while rendering. Up to CR_LATE_MAX. */
+    /* 0: a tick searches for contact itself, as cr_tick. Else cr_servo_search does, beside the ticks, and contact so many felt
+     * poses old may be felt; older is not, and is a fault while rendering. Up to CR_LATE_MAX. A period without a drive's state
+     * feels no pose and does not count: with bus.missing_max in a row between any two, it is 1 + missing_max times as many periods. */
     uint32_t late_max_ticks;
 } cr_servo_config;
 #define CR_LATE_MAX 255u
@@ -217,7 +218,8 @@ enum {
     CR_FAULT_SDO = 16384u,      /* a drive refused its set-up, or did not answer */
     CR_FAULT_STUCK = 32768u, /* an encoder did not move, to the bit, while the torque on it and the other joints did */
     CR_FAULT_MISMATCH = 65536u, /* a drive is of another make, rating or limit, or did not keep what was written */
-    CR_FAULT_LATE = 131072u     /* the contact in hand is more than late_max_ticks old: the search does not answer */
+    CR_FAULT_LATE =
+        131072u /* the contact in hand is more than late_max_ticks felt poses old: the search does not answer */
 };
 #define CR_FAULT_COUNT 18
 

@@ -104,6 +104,12 @@ def check(program: Path, scene: Path, poses: Path, felt: bytes) -> None:
     assert said.stdout == felt
 
 
+def needed_flags() -> set[str]:
+    """Options that keep the bits, as `make` has them."""
+    show = ["make", "-s", "-C", str(ROOT), "--eval", "show: ; @echo $(C_STD)", "show"]
+    return {flag for flag in call(*show).split() if flag.startswith("-f")}
+
+
 def library() -> set[str]:
     """Sources of the library as `make` has them."""
     show = ["make", "-s", "-C", str(ROOT), "--eval", "show: ; @echo $(FIRMWARE_C)", "show"]
@@ -319,6 +325,31 @@ def test_the_description_of_the_pack_is_whole(pack: Path) -> None:
     assert {c.attrib["condition"] for c in components} <= conditions
     assert [c.attrib["Csub"] for c in components] == ["Contact", "Servo"]
     assert all(c.attrib["Cversion"] == VERSION for c in components)
+
+
+def test_every_build_system_sets_the_options_that_keep_the_bits_or_asks_for_them(
+    pack: Path,
+) -> None:
+    """A pack cannot carry options: it tells the project, wherever a component is chosen."""
+    needed = needed_flags()
+    assert needed == {"-ffp-contract=off", "-fno-math-errno"}
+    for place in ("zephyr/CMakeLists.txt", "library.json"):
+        text = (FIRMWARE / place).read_text("utf-8")
+        assert [flag for flag in needed if flag not in text] == []
+    root = ET.parse(pack / "crease.crease.pdsc").getroot()
+    told = [
+        root.findtext("description"),
+        *(d.text for d in root.iterfind(".//component/description")),
+    ]
+    assert len(told) == 3
+    for words in told:
+        assert [flag for flag in needed if flag not in (words or "")] == []
+    (row,) = (
+        line
+        for line in (ROOT / "README.md").read_text("utf-8").splitlines()
+        if line.startswith("| CMSIS-Pack")
+    )
+    assert [flag for flag in needed if flag not in row] == []
 
 
 def test_no_manifest_names_a_source_by_hand() -> None:

@@ -38,7 +38,9 @@ static struct {
     uint32_t periods, periods_max, slept_over, enabled_at;
     cr_servo_counters counters;
     uint32_t mode, faults;
-    uint64_t step_ns;       /* what a step of the search takes */
+    uint64_t step_ns; /* what a step of the search takes */
+    uint64_t long_ns; /* and what each long_every-th one does, from long_from on until long_left are made */
+    uint32_t long_from, long_every, long_left;
     uint32_t steps, oldest; /* made; contact that was felt, ticks */
     uint64_t late_ns;       /* of a SYNC after its time, at most, once the drives are enabled */
     jmp_buf over;
@@ -56,8 +58,13 @@ uint64_t board_due_ns(void) { return board.due_ns; }
 
 static uint32_t search_that_takes_time(cr_servo *servo, uint32_t work) {
     const uint32_t done = cr_servo_search(servo, work);
-    board.now_ns += done > 0u ? board.step_ns : 0u;
-    board.steps += done > 0u;
+    if (done > 0u) {
+        const int is_long =
+            board.long_left > 0u && board.steps >= board.long_from && board.steps % board.long_every == 0u;
+        board.now_ns += is_long ? board.long_ns : board.step_ns;
+        board.long_left -= is_long ? 1u : 0u;
+        board.steps++;
+    }
     return done;
 }
 
@@ -130,9 +137,14 @@ int can_receive(cr_frame *frame) {
 
 /* ---- the tests ------------------------------------------------------------------------------------------------------- */
 
-static void run_loop(uint32_t periods, uint64_t step_ns) {
+static void run_loop_with(uint32_t periods, uint64_t step_ns, uint64_t long_ns, uint32_t long_from, uint32_t long_every,
+                          uint32_t long_left) {
     const cr_sim_params params = cr_sim_params_default();
     memset(&board, 0, sizeof board);
+    board.long_ns = long_ns;
+    board.long_from = long_from;
+    board.long_every = long_every;
+    board.long_left = long_left;
     board.sim = cr_sim_create(&params, 0u, 0u);
     board.wire = cr_wire_create(board.sim, BIT_NS, REACTION_NS, 0u);
     board.periods_max = periods;
@@ -144,6 +156,8 @@ static void run_loop(uint32_t periods, uint64_t step_ns) {
     cr_wire_destroy(board.wire);
     cr_sim_destroy(board.sim);
 }
+
+static void run_loop(uint32_t periods, uint64_t step_ns) { run_loop_with(periods, step_ns, 0u, 0u, 1u, 0u); }
 
 static int build_flash(void **state) {
     (void)state;
@@ -199,11 +213,35 @@ static void long_steps_of_the_search_hold_up_no_period(void **state) {
     }
 }
 
+/* The loop has been in contact for a while, steps are short, and one takes most of a period. */
+static void one_long_step_does_not_slow_the_search_for_good(void **state) {
+    (void)state;
+    run_loop(6000u, STEP_NS);
+    const uint32_t without = board.steps;
+    run_loop_with(6000u, STEP_NS, 700000u, without / 2u, 1u, 1u);
+    print_message("%u steps of the search, one of them long; %u without it; contact up to %u ticks old\n",
+                  (unsigned)board.steps, (unsigned)without, (unsigned)board.oldest);
+    assert_true(board.long_left == 0u && board.slept_over == 0u);
+    assert_true(board.faults == 0u && cr_mode_is_rendering(board.mode));
+    assert_true(board.steps > without - without / 20u && board.oldest <= BOARD_LATE_MAX_TICKS);
+}
+
+/* One step of each answer takes longer than the others. */
+static void a_long_step_that_comes_again_holds_up_no_period(void **state) {
+    (void)state;
+    run_loop_with(6000u, STEP_NS, 115000u, 0u, 300u, UINT32_MAX);
+    print_message("SYNC at most %.0f us late\n", (double)board.late_ns * 1e-3);
+    assert_true(board.faults == 0u && cr_mode_is_rendering(board.mode));
+    assert_true(board.late_ns < 50000u && board.counters.overruns == 0u);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(loop_of_the_controller_comes_up_on_a_bus_with_bit_times),
         cmocka_unit_test(loop_of_the_controller_misses_no_state_once_it_runs),
         cmocka_unit_test(long_steps_of_the_search_hold_up_no_period),
+        cmocka_unit_test(one_long_step_does_not_slow_the_search_for_good),
+        cmocka_unit_test(a_long_step_that_comes_again_holds_up_no_period),
     };
     return cmocka_run_group_tests(tests, build_flash, NULL);
 }

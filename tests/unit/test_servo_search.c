@@ -121,6 +121,26 @@ static void search_that_stands_still_is_a_fault(void **state) {
     crt_loop_free(&l);
 }
 
+/* Of three periods two are without a state of drive X: nothing is felt in them, and contact is no older for them. */
+static void age_of_contact_counts_poses_that_were_felt(void **state) {
+    (void)state;
+    crt_loop l = crt_loop_make_beside(LATE_MAX);
+    crt_loop_press(&l);
+    const uint32_t row = l.config.bus.missing_max + 1u;
+    uint32_t periods = 0u;
+    l.search[1] = 0u;
+    for (; cr_mode_is_rendering(crt_loop_mode(&l)); periods++) {
+        assert_true(periods < 4u * row * LATE_MAX);
+        l.drives[0].mute = periods % row != row - 1u;
+        crt_loop_period(&l);
+        assert_true((cr_servo_get_record(l.servo)->contact_late_ticks == CR_NOT_FELT) == l.drives[0].mute);
+    }
+    assert_int_equal(cr_servo_get_record(l.servo)->faults, CR_FAULT_LATE);
+    assert_int_equal(row, 3); /* what device.toml and DESIGN.md say */
+    assert_in_range(periods, row * LATE_MAX, row * (LATE_MAX + 2u));
+    crt_loop_free(&l);
+}
+
 static void search_that_never_answered_is_a_fault_too(void **state) {
     (void)state;
     crt_loop l = crt_loop_make_beside(LATE_MAX);
@@ -230,6 +250,7 @@ int main(void) {
         cmocka_unit_test(recording_of_two_rates_runs_again_to_the_bit),
         cmocka_unit_test(re_run_with_another_age_is_another),
         cmocka_unit_test(search_that_stands_still_is_a_fault),
+        cmocka_unit_test(age_of_contact_counts_poses_that_were_felt),
         cmocka_unit_test(search_that_never_answered_is_a_fault_too),
         cmocka_unit_test(search_that_stands_still_is_none_while_nothing_is_rendered),
         cmocka_unit_test(what_is_felt_is_what_a_tick_would_answer),

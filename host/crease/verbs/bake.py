@@ -86,7 +86,7 @@ def add_parser(sub: SubParsers) -> None:
         "--image-max",
         metavar="SIZE",
         type=size,
-        help="choose voxels for an image of at most this size, such as 1.9MiB",
+        help="choose voxels for an image of at most this size, such as 1.87MiB",
     )
     parser.add_argument(
         "--memory-max",

@@ -9,7 +9,15 @@ from typing import Any
 from crease.base.errors import SceneError
 from crease.base.scene import open_scene
 from crease.base.units import format_length
-from crease.replay.cost import BOARD_WORK, PERIOD_S, Cost, cost_of, device_names
+from crease.replay.cost import (
+    BOARD_WORK,
+    PERIOD_S,
+    Beside,
+    Cost,
+    Ticks,
+    cost_of,
+    device_names,
+)
 from crease.replay.trajectory import load_trajectory
 from crease.verbs.common import (
     SubParsers,
@@ -33,20 +41,20 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
-        help=f"flash, RAM and instructions of a tick on {', '.join(device_names())}",
+        help=f"room for the scene, memory, and instructions of a tick on {', '.join(device_names())}",
     )
     parser.add_argument(
         "--work",
         metavar="N",
         type=whole_in(32, 1048576),
         default=BOARD_WORK,
-        help=f"with --device: lookups_max, the work of a tick (default: {BOARD_WORK})",
+        help=f"with --device: lookups_max, the work of a tick that searches itself (default: {BOARD_WORK})",
     )
     parser.add_argument(
         "--path",
         metavar="PATH",
         type=Path,
-        help="with --device: a path of the tool, CSV or NPZ, whose ticks are counted",
+        help="with --device: a path of the tool, CSV or NPZ: most instructions of its ticks, and how late answers come",
     )
     add_json(parser)
     parser.set_defaults(run=run)
@@ -118,34 +126,53 @@ def lines(info: dict[str, Any]) -> list[tuple[str, str]]:
 
 def device_lines(cost: Cost) -> list[tuple[str, str]]:
     """What a scene takes of a controller, for a person."""
-    device, along = cost.device, cost.along
-    in_flash = device.flash_bytes > 0
-    lines = [("device", f"{device.name}: {device.core}, {device.clock_Hz / 1e6:g} MHz")]
-    if in_flash:
-        lines.append(("flash", _part(cost.flash_bytes, device.flash_bytes, "library and scene")))
-    what = "servo, world, stack" if in_flash else "library, scene, servo, world, stack"
-    lines.append(("RAM", _part(cost.ram_bytes, device.ram_bytes, what)))
-    lines.append(
+    device, within, beside = cost.device, cost.within, cost.beside
+    what = f"servo and world; library {size_text(device.code_bytes)}, stack {size_text(device.stack_bytes)}"
+    lines = [
+        (
+            "device",
+            f"{device.name}: {device.core}, {device.clock_Hz / 1e6:g} MHz; times at one instruction a cycle",
+        ),
+        ("room", _part(cost.scene_bytes, device.scene_bytes, "scene")),
+        ("memory", _part(cost.memory_bytes, device.memory_bytes, what)),
+    ]
+    if within is None or beside is None:
+        return [
+            *lines,
+            (
+                "tick",
+                f"searching itself: {cost.instructions:,} instructions for {cost.work} units of",
+            ),
+            ("", f"work, and one step more: {cost.step:,} at the deepest pose found, no bound"),
+            ("", _share(cost.largest_s)),
+            ("", "--path tells what a path takes, with the search in the tick and beside it"),
+        ]
+    return [
+        *lines,
         (
             "tick",
-            f"at most {cost.instructions:,} instructions, by {cost.work} units of work, and one step more",
-        )
-    )
-    if along is not None:
-        lines += [
-            (
-                "along the path",
-                f"median {along.p50:,}, p99 {along.p99:,}, largest {along.most:,}, at most, of {along.ticks:,} ticks",
-            ),
-            ("answers", f"{along.late_mean:.1f} ticks late on average, {along.late_most} at most"),
-        ]
-    share = 100.0 * cost.largest_s / PERIOD_S
-    lines.append(
-        ("", f"{1e3 * cost.largest_s:.2f} ms, {share:.0f} % of 1 ms, at one instruction a cycle")
-    )
-    return lines
+            f"searching itself, {cost.work} units of work and a step: median {within.p50:,}, p99 {within.p99:,},",
+        ),
+        ("", f"most on this path {within.most:,} instructions, of {within.ticks:,} ticks"),
+        ("", f"{_share(within.largest_s)}; {_late(within)}"),
+        (
+            "search beside",
+            f"tick that only feels, {beside.feel:,} instructions, and the longest step",
+        ),
+        ("", f"of the search that it may wait for, most on this path {beside.step:,}"),
+        ("", f"{_share(beside.largest_s)}; {_late(beside)}"),
+    ]
+
+
+def _share(time_s: float) -> str:
+    verdict = "keeps 1 kHz" if time_s <= PERIOD_S else "TOO LONG FOR 1 kHz"
+    return f"{1e3 * time_s:.2f} ms, {100.0 * time_s / PERIOD_S:.0f} % of 1 ms: {verdict}"
+
+
+def _late(along: Ticks | Beside) -> str:
+    return f"answers {along.late_mean:.1f} ticks late on average, {along.late_most} at most"
 
 
 def _part(used: int, there: int, what: str) -> str:
     verdict = "fits" if used <= there else "DOES NOT FIT"
-    return f"{size_text(used)} ({what}) of {size_text(there)}: {verdict}"
+    return f"{used / 2**10:,.1f} KiB of {there / 2**10:,.0f} KiB ({what}): {verdict}"
