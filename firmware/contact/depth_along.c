@@ -349,14 +349,22 @@ static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32
 }
 
 void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part) {
+    cr_way_work *w = s->work;
+    if (w->surfaces++ < w->surfaces_done || w->seen > w->done) {
+        return; /* done in an earlier tick, or behind one that waits */
+    }
     find_deep(at);
     for (int slot = 0; slot < CR_PIECES; slot++) {
         const cr_way_key key = {surface, side, at->c->piece[slot]};
         const uint32_t lanes = at->lanes & at->c->piece_lanes[slot];
         const uint32_t z = key.piece == CR_PIECE_NONE || lanes == 0u ? CR_WAY_NONE : cr_way_find(s->zones, key);
         if (z != CR_WAY_NONE) {
-            s->work->spent += 1u;
+            w->spent += 1u;
             count_in_zone(s, at, lanes, z, part);
         }
+    }
+    if (w->seen == w->done) {
+        w->surfaces_done = w->surfaces;
+        w->done_there = w->done;
     }
 }

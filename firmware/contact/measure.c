@@ -207,7 +207,8 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
     cr_lookup *look = &s->scratch->look;
     s->work->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;
     s->work->begun = s->work->done;
-    s->work->seen = 0u;
+    s->work->seen = s->work->done_there;
+    s->work->surfaces = 0u;
     if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
         over_planes(s, c, lanes, planes);
     } else {
@@ -253,13 +254,14 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
         return 0;
     }
     *measured |= bit;
-    s->work->done = 0u;
+    s->work->done = s->work->surfaces_done = s->work->done_there = 0u;
     return 1;
 }
 
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     cr_way_relate(in->field->scene, &in->set->way, &work->relations);
-    work->next = work->done = work->resolving = 0u;
+    work->next = work->resolving = 0u;
+    work->done = work->surfaces_done = work->done_there = 0u;
     work->spent = in->set->way.count;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;

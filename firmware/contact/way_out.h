@@ -183,6 +183,8 @@ typedef struct {
     uint32_t spent; /* work of this tick */
     uint32_t done, begun,
         seen; /* half-spaces that the hit in hand has counted for: in all, before this tick, met in it */
+    uint32_t surfaces, surfaces_done,
+        done_there;                     /* surfaces met in this tick; those that are done, and half-spaces with them */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
     uint32_t resolving;                 /* 1: all are; */
     uint32_t pairs;                     /* looked at and not counted as work yet */
