@@ -45,6 +45,13 @@ DEEP = {
     ],
 }
 """Poses of the longest steps that were found, by search over deep ones."""
+STEP_WORK = 46
+"""Units of the longest: 24 zones that join."""
+MANY_SURFACES = [
+    *(-0.0483156793, 0.0241204067, 0.0264952154),
+    *(0.3741173558, -0.0854342292, 0.1434040570, 0.9122350936),
+]
+"""Deep in `part_spanner`: 4,605 units of work for an answer."""
 SIZE = """#include "servo.h"
 #include <stdio.h>
 int main(int argc, char **argv) {
@@ -242,6 +249,22 @@ def test_longest_step_of_the_search_that_was_found_is_told(crease: Run) -> None:
     said = crease("info", spanner, "--device", "stm32h743").out
     assert f"{cost['step']:,} at the deepest pose found, no bound" in said
     assert "at most" not in said
+
+
+def test_answer_in_slices_takes_little_more_work_than_at_once() -> None:
+    """A hit over many surfaces goes on where it was left. Begun anew in each slice it took 57,547 units here."""
+    out, at = ffi.new("cr_output *"), ffi.new("cr_pose *")
+    at.pos_m, at.rot = MANY_SURFACES[:3], MANY_SURFACES[3:]
+    spent = {}
+    for slice_work in (BOARD_LOOKUPS, 1 << 30):
+        world = World(open_scene(ROOT / "build" / "scenes" / "part_spanner.crs"))
+        lib.cr_feel(world.handle, at, 1e-3, out)
+        steps = []
+        while (did := int(lib.cr_search(world.handle, slice_work))) > 0:
+            steps.append(did)
+        spent[slice_work] = sum(steps)
+        assert len(steps) == 1 or max(steps) < BOARD_LOOKUPS + STEP_WORK
+    assert 1.0 < spent[BOARD_LOOKUPS] / spent[1 << 30] < 1.15
 
 
 def test_found_poses_take_no_more_than_is_told(crease: Run) -> None:
