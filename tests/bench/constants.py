@@ -1,7 +1,8 @@
 """What each empirical constant of the contact core is worth: halved and doubled, against the exact tables.
 
     .venv/bin/python tests/bench/constants.py            prints the table of firmware/contact/CONSTANTS.md
-    .venv/bin/python tests/bench/constants.py --write    measures and writes it: 20 minutes on one core
+    .venv/bin/python tests/bench/constants.py --write    measures and writes it: half an hour on one core
+    .venv/bin/python tests/bench/constants.py --keep     writes it with what was measured before
     .venv/bin/python tests/bench/constants.py --only NAME ...
 
 A constant is a `#define` with a number in firmware/contact. Those that are no choice (limits of the format, sentinels,
@@ -33,6 +34,7 @@ from crease.base.scene import open_scene  # noqa: E402
 from crease.replay.measures import Accuracy, Felt, compare, motion_m  # noqa: E402
 from crease.replay.replay import ROW, ReplayOptions  # noqa: E402
 from crease.replay.trajectory import load_trajectory  # noqa: E402
+from ranges import Guard, by_constant, read_guards  # noqa: E402
 from study.against_exact import box_corners, exact_felt, read_exact  # noqa: E402
 from study.program import FLAGS, ROOT, words_for  # noqa: E402
 
@@ -48,6 +50,7 @@ GIVEN = {
     "NO_PLANE": "no cosine",
     "NOWHERE": "no height",
     "NO_SPREAD": "no spread",
+    "NO_LIMIT": "no limit",
     "WAKE_NOW": "no distance",
     "POSITION_MAX_M": "a limit of the interface",
     "QUATERNION_TOLERANCE": "a limit of the interface",
@@ -95,8 +98,12 @@ class Constant:
     def scaled(self, factor: float) -> str:
         """The text of the value times a factor; whole numbers stay whole, and at least 1."""
         if self.suffix == "f":
-            return f"{float(self.value) * factor:.8e}f"
-        return f"{max(1, round(int(self.value) * factor))}{self.suffix}"
+            return self.text(float(self.value) * factor)
+        return self.text(max(1, round(int(self.value) * factor)))
+
+    def text(self, value: float) -> str:
+        """A value as the sources have it."""
+        return f"{value:.8e}f" if self.suffix == "f" else f"{round(value)}{self.suffix}"
 
 
 def find_constants(folder: Path = CONTACT) -> list[Constant]:
@@ -119,6 +126,18 @@ def find_constants(folder: Path = CONTACT) -> list[Constant]:
                     )
                 )
     return found
+
+
+def spoil(constant: Constant, text: str, folder: Path) -> list[Path]:
+    """Write the files that know a constant into a folder, with this value of it.   Output  those to compile."""
+    users = WAY_FILES - {"way_out.h"} if constant.file == "way_out.h" else {constant.file}
+    pattern = re.compile(rf"^#define {constant.name} .*$", re.MULTILINE)
+    for file in {"way_out.h", *users}:
+        source = (CONTACT / file).read_text("utf-8").replace('"contact/way_out.h"', '"way_out.h"')
+        if file == constant.file:
+            source = pattern.sub(f"#define {constant.name} {text}", source)
+        (folder / file).write_text(source, "utf-8")
+    return [folder / file for file in sorted(users)]
 
 
 class Laboratory:
@@ -147,30 +166,14 @@ class Laboratory:
         _run(["cc", *FLAGS, "-O2", *first, *folders, "-c", source, "-o", to])
         return to
 
-    def program(self, constant: Constant | None, factor: float) -> Path:
-        """The replay with a constant times a factor; None: as it is."""
+    def program(self, constant: Constant | None, text: str) -> Path:
+        """The replay with another value of a constant; None: as it is."""
         objects = dict(self.objects)
         if constant is not None:
-            line = f"#define {constant.name} {constant.scaled(factor)}"
-            users = WAY_FILES - {"way_out.h"} if constant.file == "way_out.h" else {constant.file}
             with tempfile.TemporaryDirectory(dir=self.folder) as name:
-                spoiled = Path(name)
-                pattern = re.compile(rf"^#define {constant.name} .*$", re.MULTILINE)
-                for file in (constant.file, *users):
-                    text = (
-                        (CONTACT / file)
-                        .read_text("utf-8")
-                        .replace('"contact/way_out.h"', '"way_out.h"')
-                    )
-                    (spoiled / file).write_text(
-                        pattern.sub(line, text) if file == constant.file else text
-                    )
-                if constant.file != "way_out.h":
-                    (spoiled / "way_out.h").write_text((CONTACT / "way_out.h").read_text("utf-8"))
-                for file in users:
-                    objects[file] = self._compile(
-                        spoiled / file, (f"-I{spoiled}",), self.folder / f"new_{file}.o"
-                    )
+                for file in spoil(constant, text, Path(name)):
+                    to = self.folder / f"new_{file.name}.o"
+                    objects[file.name] = self._compile(file, (f"-I{name}",), to)
         to = self.folder / "replay"
         _run(["cc", *objects.values(), "-lm", "-o", to])
         return to
@@ -230,6 +233,11 @@ def bounds_of() -> Figures:
     }
 
 
+def golden_bound(scene: str, measure: str) -> float:
+    """The bound of a figure of the library's response."""
+    return way_golden.read_bounds(way_golden.BOUNDS)[scene, measure]
+
+
 def told(before: Mapping[tuple[str, str, str], float], after: Figures, bounds: Figures) -> str:
     """What moved most, in shares of its bound, and how many bounds noticed."""
     key = max(after, key=lambda k: abs(after[k] - before[k]) / bounds[k])
@@ -241,30 +249,55 @@ def told(before: Mapping[tuple[str, str, str], float], after: Figures, bounds: F
     return f"{scene} {measure} {before[key]:.3g} to {after[key]:.3g}{noticed}"
 
 
-HEADS = ("constant", "value", "why", "halved", "doubled")
+HEADS = ("constant", "value", "range", "guard", "why", "halved", "doubled")
+CELLS = r"\| (.*?) " * (len(HEADS) - 1)
+LINE = re.compile(rf"^\| `(\w+)` \(([\w.]+)\) {CELLS}\|$", re.MULTILINE)
+"""Name, file, and the other cells."""
 
 
-def table(constants: Sequence[Constant], names: Sequence[str]) -> str:
-    """The measured table, Markdown."""
-    lines = [f"| {' | '.join(HEADS)} |", f"|{'---|' * len(HEADS)}"]
+def measured(constants: Sequence[Constant], names: Sequence[str]) -> dict[Constant, list[str]]:
+    """What each tells halved and doubled."""
+    found = {}
     bounds = bounds_of()
     with tempfile.TemporaryDirectory() as name:
         lab = Laboratory(Path(name))
-        before = figures_of(lab, lab.program(None, 1.0), GOLDEN, names)
+        before = figures_of(lab, lab.program(None, ""), GOLDEN, names)
         for constant in constants:
             cells = []
             for factor in (0.5, 2.0):
-                after = figures_of(lab, lab.program(constant, factor), constant.responses, names)
+                program = lab.program(constant, constant.scaled(factor))
+                after = figures_of(lab, program, constant.responses, names)
                 cells.append(told(before, after, bounds))
-            lines.append(row_of(constant, cells))
-            print(lines[-1], flush=True)
+            found[constant] = cells
+            print(f"{constant.file} {constant.name}: {'; '.join(cells)}", flush=True)
+    return found
+
+
+def kept(constants: Sequence[Constant], page: str) -> dict[Constant, list[str]]:
+    """The same, as a page has it.   Errors: CreaseError for a constant that it has not, or not with this value."""
+    rows = {(name, file): cells for name, file, *cells in LINE.findall(page)}
+    found = {}
+    for constant in constants:
+        cells = rows.get((constant.name, constant.file), [])
+        if not cells or cells[0] != constant.value:
+            raise CreaseError(f"{constant.file}: {constant.name} is not in {PAGE.name}: measure it")
+        found[constant] = cells[-2:]
+    return found
+
+
+def table(cells: Mapping[Constant, Sequence[str]]) -> str:
+    """The table, Markdown."""
+    guards = by_constant(read_guards())
+    lines = [f"| {' | '.join(HEADS)} |", f"|{'---|' * len(HEADS)}"]
+    lines += [row_of(c, guards.get((c.name, c.file)), told) for c, told in cells.items()]
     return "\n".join(lines)
 
 
-def row_of(constant: Constant, cells: Sequence[str]) -> str:
+def row_of(constant: Constant, guard: Guard | None, cells: Sequence[str]) -> str:
     """A line of the table."""
+    told = (guard.range, guard.tests) if guard is not None else ("none", "none")
     place = f"`{constant.name}` ({constant.file})"
-    return f"| {place} | {constant.value} | {constant.why.strip()} | {' | '.join(cells)} |"
+    return f"| {' | '.join((place, constant.value, *told, constant.why.strip(), *cells))} |"
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -274,6 +307,9 @@ def main(arguments: Sequence[str]) -> int:
     )
     parser.add_argument("--write", action="store_true", help=f"write the table into {PAGE.name}")
     parser.add_argument(
+        "--keep", action="store_true", help="write it with what was measured before"
+    )
+    parser.add_argument(
         "--only", nargs="+", default=[], metavar="NAME", help="these constants alone"
     )
     parser.add_argument(
@@ -281,17 +317,17 @@ def main(arguments: Sequence[str]) -> int:
     )
     args = parser.parse_args(arguments)
     constants = [c for c in find_constants() if not args.only or c.name in args.only]
-    if args.write and (args.only or args.scenes):
-        parser.error("--write is for the whole table")
+    if (args.write or args.keep) and (args.only or args.scenes):
+        parser.error("--write and --keep are for the whole table")
+    page = PAGE.read_text("utf-8")
     try:
-        made = table(constants, args.scenes)
+        made = table(kept(constants, page) if args.keep else measured(constants, args.scenes))
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    if args.write:
-        text = PAGE.read_text("utf-8")
+    if args.write or args.keep:
         begin, end = "<!-- constants: begin -->", "<!-- constants: end -->"
-        head, rest = text.split(begin)
+        head, rest = page.split(begin)
         PAGE.write_text(f"{head}{begin}\n{made}\n{end}{rest.split(end)[1]}", "utf-8")
     return 0
 

@@ -1,0 +1,102 @@
+"""What a unit of work costs on a core without vectors, in lookups of 16 points: valgrind counts work_units.c.
+
+A step of a search ends when it has done so many units, and takes as long as they cost: what is counted for too little
+makes steps longer than a board has time for, what is counted for too much makes answers late.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+CONTACT = ROOT / "firmware" / "contact"
+C_STD = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno")
+FLAGS = (*C_STD, "-O2")
+SCALAR = "-DCR_SCALAR=1"
+PART = re.compile(r"Trigger: Client Request: (\w+)")
+TOTAL = re.compile(r"^(?:summary|totals): (\d+)", re.MULTILINE)
+ROOM = 1.6
+"""A unit may cost so many times more or less than it did."""
+
+
+@dataclass(frozen=True)
+class Weight:
+    """Parts of the program whose difference is what a weight counts; what a unit of that cost, in lookups."""
+
+    more: str
+    less: str
+    cost: float
+    units: str = ""
+    """Another part that has these units, where they do not differ."""
+
+
+WEIGHTS = {
+    ("WORK_OF_PLANES", "detect.c"): Weight("planes_near", "", 0.66),
+    ("WORK_OF_CELLS", "detect.c"): Weight("cells_near", "", 0.85),
+    ("WORK_INSIDE_PLANES", "detect.c"): Weight("planes_in", "planes_near", 0.83),
+    ("WORK_INSIDE_CELLS", "detect.c"): Weight("cells_in", "cells_near", 0.43),
+    ("WORK_OF_MEETING", "detect.c"): Weight("meeting_in", "cells_in", 0.17),
+    ("WORK_OF_HIT", "measure.c"): Weight("hits_on_planes", "no_hits_on_planes", 0.24),
+    ("WORK_OF_LOOKUP", "measure.c"): Weight("hits_in_cells", "no_hits_in_cells", 0.48),
+    ("ZONES_OF_WORK", "measure.c"): Weight("join", "", 1.15),
+    ("PAIRS_OF_WORK", "measure.c"): Weight("agree", "", 0.72),
+    ("PAIRS_OF_WORK", "answer.c"): Weight("answer_resolved", "answer_of_none", 0.71),
+    ("HALVES_OF_WORK", "answer.c"): Weight("report_of_many", "report_of_none", 0.50, "report_of_none"),
+    ("LANES_OF_WORK", "depth_along.c"): Weight("count_lanes", "count_known", 0.23),
+    ("FULL_OF_WORK", "depth_along.c"): Weight("count_full", "count_lanes", 0.43),
+    ("HALVES_OF_WORK", "depth_along.c"): Weight("count_halves", "count_known", 0.39),
+}  # fmt: skip
+"""Of each (name, file). The costs are those of gcc 12: a weight that is half or twice what it is fails."""
+
+
+def compile_core(folder: Path) -> dict[str, Path]:
+    """Objects of the core and of the program, by the names of their sources."""
+    made = {}
+    for source in [*sorted(CONTACT.glob("*.c")), Path(__file__).with_name("work_units.c")]:
+        made[source.name] = folder / f"{source.stem}.o"
+        includes = [f"-I{ROOT / name}" for name in ("firmware", "tests/unit")]
+        to = str(made[source.name])
+        words = ["gcc", *FLAGS, SCALAR, *includes, "-c", str(source), "-o", to]
+        subprocess.run(words, check=True)
+    return made
+
+
+def count_units(objects: Mapping[str, Path], folder: Path) -> dict[str, tuple[int, int]]:
+    """Instructions and units of each part."""
+    program, counts = folder / "work_units", folder / "counts"
+    archives = [ROOT / f"build/gcc/lib{name}.a" for name in ("helpers", "crease")]
+    made = map(str, (*objects.values(), *archives))
+    subprocess.run(["gcc", *made, "-lcmocka", "-lm", "-o", str(program)], check=True)
+    words = [
+        "valgrind",
+        "-q",
+        "--tool=callgrind",
+        "--instr-atstart=no",
+        f"--callgrind-out-file={counts}",
+    ]
+    said = subprocess.run([*words, str(program)], check=True, capture_output=True, text=True).stdout
+    units = {name: int(count) for name, count in (line.split() for line in said.splitlines())}
+    found = {}
+    for path in folder.glob("counts.*"):
+        text = path.read_text("ascii")
+        part, total = PART.search(text), TOTAL.search(text)
+        if part is not None and total is not None:
+            found[part[1]] = (int(total[1]), units[part[1]])
+        path.unlink()
+    return found
+
+
+def cost_of(weight: Weight, parts: Mapping[str, tuple[int, int]]) -> float:
+    """What a unit costs, in lookups of 16 points; no units: endless."""
+    more, less = parts[weight.more], parts[weight.less] if weight.less else (0, 0)
+    units = parts[weight.units][1] if weight.units else more[1] - less[1]
+    return (more[0] - less[0]) / units / parts["lookup"][0] if units > 0 else float("inf")
+
+
+def is_as_before(weight: Weight, cost: float) -> bool:
+    """Whether a unit costs about what it did."""
+    return weight.cost / ROOM <= cost <= weight.cost * ROOM

@@ -1,0 +1,193 @@
+/* What switches on or off between two places does so over a width that is chosen, neither at once nor from afar: pieces at a plane and beside an edge, sides of
+ * a curved surface, surfaces that an image has no samples of any more; and which normals are one. */
+#include "contact/way_out.h"
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define HALF_M 8e-3
+#define RAMP_M 0.5e-3f
+#define FLOOR 2u
+
+static void assert_near(double is, double ought, double room) {
+    if (!(fabs(is - ought) <= room)) {
+        fail_msg("%g instead of %g", is, ought);
+    }
+}
+
+/* A sample whose piece is level: no height varies across it. */
+static struct cr_img_cluster level_piece(void) {
+    struct cr_img_cluster c;
+    memset(&c, 0, sizeof c);
+    c.count = 1u;
+    c.ramp[0] = RAMP_M;
+    return c;
+}
+
+static double cover_level_piece(float height_m) {
+    const struct cr_img_cluster c = level_piece();
+    const cr_planes p = {.count = 1u, .sign = 1.0f, .normal_tool = {{0.0f, 0.0f, 1.0f}}};
+    return (double)cr_cover_by_planes(&p, &c, 0, &height_m, height_m, height_m);
+}
+
+/* A level piece of 1 mm is pressed in over a tenth of a millimetre, which a hand at 0.1 m/s takes a tick for: part of it counts 0.025 mm above and below the
+ * plane, and none of it 0.075 above. */
+static void level_piece_fades_in_over_a_tenth_of_its_width(void **state) {
+    (void)state;
+    assert_near(cover_level_piece(0.0f), 0.5, 1e-6);
+    assert_near(cover_level_piece(0.05f * RAMP_M), 0.25, 0.1);
+    assert_near(cover_level_piece(-0.05f * RAMP_M), 0.75, 0.1);
+    assert_near(cover_level_piece(0.15f * RAMP_M), 0.0, 1e-6);
+}
+
+/* Beside an edge the distance is longer than the height above either plane: what counts of a piece is less only on the last quarter of the way to the ramp. */
+static void piece_beside_an_edge_fades_late(void **state) {
+    (void)state;
+    struct cr_img_cluster c = level_piece();
+    const cr_planes p = {.count = 2u, .sign = 1.0f, .normal_tool = {{0.0f, 0.0f, 1.0f}, {1.0f, 0.0f, 0.0f}}};
+    const float top_m = 0.2f * RAMP_M, height_m[2] = {top_m, top_m}, rest_m = RAMP_M - top_m;
+    c.wxx[0] = c.wzz[0] = 4.0f * RAMP_M * RAMP_M; /* as wide as it gets, so that both planes cut it */
+    const double full = (double)cr_cover_by_planes(&p, &c, 0, height_m, top_m, top_m);
+    assert_true(full > 0.05);
+    assert_near((double)cr_cover_by_planes(&p, &c, 0, height_m, top_m, top_m + 0.70f * rest_m) / full, 1.0, 1e-3);
+    assert_near((double)cr_cover_by_planes(&p, &c, 0, height_m, top_m, top_m + 0.875f * rest_m) / full, 0.5, 0.15);
+    assert_near((double)cr_cover_by_planes(&p, &c, 0, height_m, top_m, RAMP_M) / full, 0.0, 1e-6);
+}
+
+/* One lane, as deep as this inside of a facet: the share of it that still counts for that. Bricks and reach as host/crease/bake/voxmap.py lays them out:
+ * distances end at the diagonal of a brick and 1.1 times the reach. */
+static double share_that_stays(double depth_m, double reach_m, double voxel_m) {
+    static cr_way_layers layers;
+    struct cr_img_meta meta;
+    const cr_scene scene = {.meta = &meta};
+    memset(&meta, 0, sizeof meta);
+    memset(&layers, 0, sizeof layers);
+    meta.voxel_m = (float)voxel_m;
+    meta.brick_m = (float)(8.0 * voxel_m);
+    meta.band_m = (float)(8.0 * sqrt(3.0) * voxel_m + 1.1 * reach_m);
+    layers.count = 1u;
+    layers.layers[0].lanes = 1u;
+    layers.layers[0].depth_m[0] = (float)depth_m;
+    layers.layers[0].coverage[0] = 1.0f;
+    cr_way_fade(&scene, 1u, &layers);
+    return (double)layers.layers[0].coverage[0];
+}
+
+/* Beyond that reach bricks have no samples: a sample passes from its surfaces to none in the last voxel before. */
+static void surfaces_fade_where_the_bricks_end(void **state) {
+    (void)state;
+    assert_near(share_that_stays(18.5e-3, 20e-3, 1e-3), 1.0, 1e-6);
+    assert_near(share_that_stays(19.5e-3, 20e-3, 1e-3), 0.5, 0.25);
+    assert_near(share_that_stays(20.5e-3, 20e-3, 1e-3), 0.0, 1e-6);
+}
+
+/* Two balls that touch where the normal is this: how deep they are for the side upwards, as a share of how deep they are. Every hit counts for that side alone,
+ * along the normal. */
+static double share_for_the_side_upwards(cr_vec3 n) {
+    static cr_contact_set set;
+    static cr_way_work work;
+    const double ball_m = 12e-3, tool_m = 9e-3, deep_m = 0.3e-3, far_m = ball_m + tool_m - deep_m;
+    const crt_solid ball = crt_ball(ball_m);
+    const cr_config config = cr_config_default();
+    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = UINT32_MAX, .slices_max = 1u};
+    crt_tool tool = crt_tool_new(0.7e-3);
+    crt_rig rig;
+    crt_add_ball(&tool, tool_m);
+    crt_open(&rig, &ball, &tool, 0.5e-3, &config);
+    const cr_pose pose = crt_pose(far_m * (double)n.x, far_m * (double)n.y, far_m * (double)n.z);
+    const xform at = xform_from_pose(&pose);
+    cr_descent search = {0};
+    cr_stats stats = {0};
+    cr_motion motion = {.wake_count = rig.scene.group_count * CR_LANES};
+    motion.wake_m = calloc(motion.wake_count, sizeof(float));
+    cr_motion_advance(&motion, &pose);
+    assert_int_equal(cr_detect(&rig.field, &at, &options, &motion, &search, &set, &stats), 1);
+    const cr_respond_input in = {.field = &rig.field, .world_from_tool = &at, .set = &set, .config = &config};
+    memset(&work, 0, sizeof work);
+    set.way.count = 1u;
+    set.way.zones[0].key = (cr_way_key){CR_WAY_CURVED, 4u, 0u};
+    set.way.zones[0].deep_hit = 0u;
+    for (uint32_t h = 0; h < set.hit_count; h++) {
+        set.way.reach[h].zones = 1u;
+    }
+    work.next = 1u; /* it has joined */
+    work.relations.part[0][0] = work.relations.lead[0] = 1.0f;
+    work.relations.half_count = 1u;
+    work.half[0].normal = n;
+    work.half[0].weight_m3 = work.half[0].curved_m3 = 1e-9f;
+    work.half[0].deep_m = (float)deep_m;
+    assert_int_equal(cr_way_measure(&in, &work, UINT32_MAX), 1);
+    free(motion.wake_m);
+    crt_close(&rig);
+    crt_tool_free(&tool);
+    return (double)work.half[0].depth_m / deep_m;
+}
+
+/* The squares of a normal's parts are its shares of the sides. One of them is a third at least: that is in full, so that the deepest sample is as deep for its
+ * side as it is. An eighth counts half. */
+static void a_quarter_of_a_side_counts_in_full(void **state) {
+    (void)state;
+    assert_near(share_for_the_side_upwards(v3_unit(v3(1.0f, 1.0f, 1.0f), 0.0f)), 1.0, 0.08);
+    assert_near(share_for_the_side_upwards(v3(sqrtf(0.875f), 0.0f, sqrtf(0.125f))), 0.5, 0.13);
+}
+
+/* The normal that is reported of a half-space over the floor alone, which leans so much from it. */
+static cr_vec3 reported(const crt_rig *rig, const cr_pose *pose, float leans) {
+    static cr_contact_set set;
+    static cr_way_work work;
+    static cr_area area;
+    const xform at = xform_from_pose(pose);
+    const cr_config config = cr_config_default();
+    const cr_respond_input in = {.field = &rig->field, .world_from_tool = &at, .set = &set, .config = &config};
+    cr_stats stats = {0};
+    memset(&set, 0, sizeof set);
+    memset(&work, 0, sizeof work);
+    cr_way_zone *z = &set.way.zones[0];
+    set.way.count = work.relations.half_count = 1u;
+    z->key.surface = FLOOR;
+    z->flat = 1u;
+    z->plane_offset_m = cr_way_plane(&rig->scene, &at, FLOOR, &z->plane_normal);
+    z->weight_m3 = z->deep_m = 1e-9f;
+    work.half[0].zones = 1u;
+    work.half[0].normal =
+        v3_unit(v3_add(z->plane_normal, v3_scale(xform_unrotate(&at, v3(1.0f, 0.0f, 0.0f)), leans)), 0.0f);
+    work.half[0].depth_m = 1e-3f;
+    work.half[0].open = 1.0f;
+    assert_int_equal(cr_way_answer(&in, &work, &area, 1u, &stats), 1);
+    return area.normal_world;
+}
+
+/* Turned to the tool and back a normal comes out beside itself by up to six roundings of 6e-8 in each of its parts: that is the facet's. One that leans by three
+ * times as much, of a force of 10 N 0.02 mN, is its own. */
+static void normals_are_one_but_for_rounding(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    crt_rig rig;
+    uint64_t seed = 7u;
+    crt_open_cube(&rig, &block, HALF_M, 1e-3, 2e-3);
+    for (int i = 0; i < 300; i++) {
+        cr_pose pose = crt_pose(0.0, 0.0, HALF_M);
+        pose.rot = crt_random_rotation(&seed);
+        const cr_vec3 same = reported(&rig, &pose, 6e-7f), other = reported(&rig, &pose, 1.9e-6f);
+        assert_true(same.x == 0.0f && same.y == 0.0f && same.z == 1.0f);
+        assert_true(other.x > 1e-6f);
+    }
+    crt_close(&rig);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(level_piece_fades_in_over_a_tenth_of_its_width),
+        cmocka_unit_test(piece_beside_an_edge_fades_late),
+        cmocka_unit_test(surfaces_fade_where_the_bricks_end),
+        cmocka_unit_test(a_quarter_of_a_side_counts_in_full),
+        cmocka_unit_test(normals_are_one_but_for_rounding),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

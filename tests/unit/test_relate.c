@@ -1,0 +1,307 @@
+/* What relate and resolve make of zones whose sums are given: each number that decides there, by what it stands for. Firmware's comments have the reasons. */
+#include "contact/way_out.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define SPACING_M 1e-3f
+#define WEIGHT_M3 1e-9f
+/* Area of so many samples. */
+#define SAMPLES(n) ((float)(n)*SPACING_M * SPACING_M)
+
+static struct cr_img_meta meta;
+static cr_scene scene;
+static cr_way_zones zones;
+static cr_way_relations relations;
+static cr_way_half halves[CR_WAY_ZONES_MAX];
+
+static int clear(void **state) {
+    (void)state;
+    memset(&meta, 0, sizeof meta);
+    memset(&scene, 0, sizeof scene);
+    memset(&zones, 0, sizeof zones);
+    memset(&relations, 0, sizeof relations);
+    memset(halves, 0, sizeof halves);
+    meta.spacing_m = SPACING_M;
+    scene.meta = &meta;
+    return 0;
+}
+
+static void assert_near(double is, double ought, double room) {
+    if (!(fabs(is - ought) <= room)) {
+        fail_msg("%g instead of %g", is, ought);
+    }
+}
+
+/* One more zone, of a facet of its own and of the one piece: as deep as many samples. What it pushes is per weight of it. All are related. */
+static cr_way_zone *add_zone(cr_vec3 normal, float weights, cr_vec3 push) {
+    const uint32_t index = zones.count++;
+    cr_way_zone *z = &zones.zones[index];
+    z->key = (cr_way_key){index, 0u, 0u};
+    z->flat = 1u;
+    z->plane_normal = normal;
+    z->weight_m3 = weights * WEIGHT_M3;
+    z->area_m2 = SAMPLES(100);
+    z->push_m3 = v3_scale(push, z->weight_m3);
+    relations.unit[index] = normal;
+    relations.whole_m3 += z->weight_m3;
+    for (uint32_t i = 0; i <= index; i++) {
+        relations.part[index][i] = relations.part[i][index] = 1.0f;
+    }
+    return z;
+}
+
+static const cr_way_half *join_first(void) {
+    relations.half_count = 0u;
+    cr_way_join(&scene, &zones, 0u, &relations, halves);
+    return &halves[0];
+}
+
+/* A floor, and a sum that leans from it by this sine, alone in the world. */
+static cr_way_zone *add_leaning_floor(float sine) {
+    return add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(sine, 0.0f, sqrtf(1.0f - sine * sine)));
+}
+
+/* How far the normal leans, of how far it leans when all that can be trusted is. */
+static double lean_of(const cr_way_half *half) { return (double)(half->normal.x / half->normal.z); }
+
+/* A quarter of the sum is what samples of a flat floor are wrong by; two fifths are not. */
+static void small_leaning_is_sampling_error(void **state) {
+    (void)state;
+    add_leaning_floor(0.25f);
+    assert_near(lean_of(join_first()), 0.0, 1e-6);
+    clear(NULL);
+    add_leaning_floor(0.4f);
+    assert_true(lean_of(join_first()) > 0.05);
+}
+
+/* One sample tells nothing of a direction that no normal has, four tell as much as a hundred, two and a half tell half of it. */
+static void few_samples_tell_no_new_direction(void **state) {
+    (void)state;
+    cr_way_zone *z = add_leaning_floor(0.8f);
+    const double full = lean_of(join_first());
+    z->area_m2 = SAMPLES(4.01);
+    assert_near(lean_of(join_first()) / full, 1.0, 0.01);
+    z->area_m2 = SAMPLES(2.5);
+    assert_near(lean_of(join_first()) / full, 0.5, 0.1);
+    z->area_m2 = SAMPLES(1.0);
+    assert_near(lean_of(join_first()) / full, 0.0, 1e-6);
+}
+
+/* Nor do zones that hold half of all weight or less; three quarters are believed half. */
+static void minority_tells_no_new_direction(void **state) {
+    (void)state;
+    add_leaning_floor(0.8f);
+    const double full = lean_of(join_first());
+    relations.whole_m3 = WEIGHT_M3 / 0.75f;
+    assert_near(lean_of(join_first()) / full, 0.5, 0.1);
+    relations.whole_m3 = WEIGHT_M3 / 0.49f;
+    assert_near(lean_of(join_first()) / full, 0.0, 1e-6);
+}
+
+/* How open a half-space is of whose sum the normal tells this part, and nothing else is believed. */
+static double open_by(float part) {
+    clear(NULL);
+    add_leaning_floor(sqrtf(1.0f - part * part));
+    relations.whole_m3 = 2.0f * WEIGHT_M3;
+    return (double)join_first()->open;
+}
+
+static void sum_that_normals_do_not_tell_does_not_lead(void **state) {
+    (void)state;
+    assert_near(open_by(0.19f), 0.0, 1e-6);
+    assert_near(open_by(0.35f), 0.5, 0.15);
+    assert_near(open_by(0.51f), 1.0, 1e-6);
+}
+
+/* What pushes from all sides has no direction: with a hundredth of its weight left over it has one, with half of that half. */
+static void sum_that_cancels_fades(void **state) {
+    (void)state;
+    cr_way_zone *z = add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 0.011f));
+    assert_near((double)join_first()->open, 1.0, 1e-6);
+    z->push_m3.z = 0.005f * WEIGHT_M3;
+    assert_near((double)join_first()->open, 0.5, 0.15);
+}
+
+/* Relations that differ by rounding make one half-space; by more, two. */
+static void relations_are_the_same_to_a_thousandth(void **state) {
+    (void)state;
+    const float apart[2] = {0.7e-3f, 1.5e-3f};
+    for (uint32_t i = 0; i < 2u; i++) {
+        clear(NULL);
+        add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+        add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+        relations.part[0][1] = relations.part[1][0] = 1.0f - apart[i];
+        cr_way_join(&scene, &zones, 0u, &relations, halves);
+        cr_way_join(&scene, &zones, 1u, &relations, halves);
+        assert_int_equal(relations.half_count, i + 1u);
+    }
+}
+
+/* A pad whose moment is 1 m beside one of none, and their normals so far from each other: what of it stays with the first. */
+static double own_arm(float apart) {
+    clear(NULL);
+    relations.half_count = 2u;
+    for (int h = 0; h < 2; h++) {
+        const float tilt = h == 0 ? 0.0f : 2.0f * asinf(0.5f * apart);
+        halves[h].normal = v3(sinf(tilt), 0.0f, cosf(tilt));
+        halves[h].weight_m3 = halves[h].led_m3 = WEIGHT_M3;
+        halves[h].open = 1.0f;
+        halves[h].arm_m = v3(h == 0 ? 1.0f : 0.0f, 0.0f, 0.0f);
+    }
+    cr_way_agree(&relations, halves);
+    return (double)halves[0].arm_m.x;
+}
+
+/* Of one direction they share it; from a fifth on, 11 degrees, each has its own; half way the other counts half. */
+static void half_spaces_of_one_direction_share_their_moment(void **state) {
+    (void)state;
+    assert_near(own_arm(0.0f), 0.5, 1e-6);
+    assert_near(own_arm(0.1f), 1.0 / 1.5, 0.05);
+    assert_near(own_arm(0.21f), 1.0, 1e-6);
+}
+
+/* A half-space that has its weight from zones which lead others is led by none: below a tenth it fades. */
+static void half_space_without_a_leader_fades(void **state) {
+    (void)state;
+    const float led[2] = {0.11f, 0.05f}, open[2] = {1.0f, 0.5f};
+    for (int i = 0; i < 2; i++) {
+        relations.half_count = 1u;
+        halves[0].normal = v3(0.0f, 0.0f, 1.0f);
+        halves[0].weight_m3 = WEIGHT_M3;
+        halves[0].led_m3 = led[i] * WEIGHT_M3;
+        halves[0].open = 1.0f;
+        cr_way_agree(&relations, halves);
+        assert_near((double)halves[0].open, (double)open[i], 0.15);
+    }
+}
+
+/* Direction of a floor and a wall that push alike when the wall holds a share of the weight, of so many samples in all: that of z = 1 has this x. */
+static double lean_to_wall(float share, double samples) {
+    clear(NULL);
+    const float floor = 1.0f - share;
+    add_zone(v3(0.0f, 0.0f, 1.0f), floor, v3(0.0f, 0.0f, 0.5f / floor))->area_m2 = SAMPLES(samples);
+    add_zone(v3(1.0f, 0.0f, 0.0f), share, v3(0.5f / share, 0.0f, 0.0f))->area_m2 = 0.0f;
+    relations.whole_m3 *= 2.0f; /* what is left over counts for nothing */
+    return lean_of(join_first());
+}
+
+/* A surface that is r of the largest counts for 2.5 r^2 - 1.5 r^3 (WAY_OUT.md): the r that counts so much, from 0 to 1. */
+static double share_of_largest(double counts) {
+    double low = 0.0, high = 1.0;
+    for (int i = 0; i < 50; i++) {
+        const double r = 0.5 * (low + high);
+        *(r * r * (2.5 - 1.5 * r) < counts ? &low : &high) = r;
+    }
+    return low;
+}
+
+/* Both push 0.5: the sum of what they push is 1, an eighth of the weight may stand for a quarter of it, half of what the floor does. */
+static void surface_counts_for_at_most_twice_what_is_inside(void **state) {
+    (void)state;
+    assert_near(share_of_largest(lean_to_wall(0.125f, 100.0)), 0.5, 0.05);
+    assert_near(lean_to_wall(0.5f, 100.0), 1.0, 1e-4);
+}
+
+/* Where next to nothing is inside, for ten times that: an eightieth of the weight for a quarter. */
+static void surface_counts_for_more_where_few_samples_are_inside(void **state) {
+    (void)state;
+    assert_near(share_of_largest(lean_to_wall(0.0125f, 0.01)), 0.5, 0.05);
+    assert_near(lean_to_wall(0.05f, 0.01), 1.0, 1e-4);
+}
+
+/* A zone between two that oppose each other leads as far as the weaker of them weighs little beside it. */
+static void zones_in_conflict_count_by_their_weight(void **state) {
+    (void)state;
+    const float weighs[2] = {0.31f, 0.15f}, leads[2] = {0.0f, 0.5f};
+    for (int i = 0; i < 2; i++) {
+        clear(NULL);
+        add_zone(v3(1.0f, 0.0f, 0.0f), weighs[i], v3(0.0f, 0.0f, 1.0f));
+        add_zone(v3(-1.0f, 0.0f, 0.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+        add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+        relations.part[0][1] = relations.part[1][0] = 0.0f;
+        cr_way_join(&scene, &zones, 2u, &relations, halves);
+        assert_near((double)relations.lead[2], (double)leads[i], 0.15);
+    }
+}
+
+/* Two level faces of one patch, the line between them rising by this sine: how far they have one way out. */
+static double part_at_rise(float sine) {
+    clear(NULL);
+    for (int i = 0; i < 2; i++) {
+        cr_way_zone *z = add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+        const float far_m = i == 0 ? 0.0f : 10e-3f, high_m = far_m * sine;
+        z->plane_offset_m = -high_m;
+        z->centre_m4 = v3_scale(v3(far_m * sqrtf(1.0f - sine * sine), 0.0f, high_m), z->weight_m3);
+    }
+    cr_way_relate(&scene, &zones, &relations);
+    return (double)relations.part[0][1];
+}
+
+/* Steps of a stair are apart from 12 degrees on, a sine of a fifth; half of that is half apart. */
+static void what_lies_above_is_apart(void **state) {
+    (void)state;
+    assert_near(part_at_rise(0.0f), 1.0, 1e-6);
+    assert_near(part_at_rise(0.1f), 0.5, 0.15);
+    assert_near(part_at_rise(0.21f), 0.0, 1e-6);
+}
+
+/* Two faces that turn by 18 degrees, all of the push from samples of the first: of a symmetric sum the normal is the middle one. Each sweep leaves c^2 of the
+ * error, c the cosine between: 64 sweeps in all a thousandth, 32 a thirtieth. */
+static void faces_that_turn_little_are_told_apart(void **state) {
+    (void)state;
+    const float half_angle = 0.158780f;
+    add_zone(v3(sinf(half_angle), 0.0f, cosf(half_angle)), 1.0f, v3(0.0f, 0.0f, 2.0f));
+    add_zone(v3(-sinf(half_angle), 0.0f, cosf(half_angle)), 1.0f, v3(0.0f, 0.0f, 0.0f));
+    relations.whole_m3 *= 2.0f;
+    assert_near(lean_of(join_first()), 0.0, 1e-3);
+}
+
+/* Two contacts of the same depth whose normals have the cosine c push 1 / (1 + c) of it each. A sweep leaves c^2 of the error: with 0.9 it takes 41 sweeps
+ * to come within a ten-thousandth. */
+static void resolve_ends_near_its_fixed_point(void **state) {
+    (void)state;
+    static cr_way_along along;
+    const float c = 0.9f, depth_m[2] = {1e-3f, 1e-3f};
+    const cr_vec3 normal[2] = {v3(0.0f, 0.0f, 1.0f), v3(sqrtf(1.0f - c * c), 0.0f, c)};
+    float push_m[2];
+    cr_way_resolve(normal, depth_m, 2u, &along, push_m);
+    for (int i = 0; i < 2; i++) {
+        assert_near((double)push_m[i], 1e-3 / (1.0 + (double)c), 1e-7);
+    }
+}
+
+/* And where it hardly converges it ends all the same: in at most 100 sweeps, each of which looks at every pair once. */
+static void resolve_ends(void **state) {
+    (void)state;
+    static cr_way_along along;
+    const float c = 0.9999f, depth_m[2] = {1e-3f, 1e-3f};
+    const cr_vec3 normal[2] = {v3(0.0f, 0.0f, 1.0f), v3(sqrtf(1.0f - c * c), 0.0f, c)};
+    float push_m[2];
+    assert_true(cr_way_resolve(normal, depth_m, 2u, &along, push_m) <= 100u * 2u * 2u);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup(small_leaning_is_sampling_error, clear),
+        cmocka_unit_test_setup(few_samples_tell_no_new_direction, clear),
+        cmocka_unit_test_setup(minority_tells_no_new_direction, clear),
+        cmocka_unit_test_setup(sum_that_normals_do_not_tell_does_not_lead, clear),
+        cmocka_unit_test_setup(sum_that_cancels_fades, clear),
+        cmocka_unit_test_setup(relations_are_the_same_to_a_thousandth, clear),
+        cmocka_unit_test_setup(half_spaces_of_one_direction_share_their_moment, clear),
+        cmocka_unit_test_setup(half_space_without_a_leader_fades, clear),
+        cmocka_unit_test_setup(surface_counts_for_at_most_twice_what_is_inside, clear),
+        cmocka_unit_test_setup(surface_counts_for_more_where_few_samples_are_inside, clear),
+        cmocka_unit_test_setup(zones_in_conflict_count_by_their_weight, clear),
+        cmocka_unit_test_setup(what_lies_above_is_apart, clear),
+        cmocka_unit_test_setup(faces_that_turn_little_are_told_apart, clear),
+        cmocka_unit_test_setup(resolve_ends_near_its_fixed_point, clear),
+        cmocka_unit_test_setup(resolve_ends, clear),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
