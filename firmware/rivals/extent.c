@@ -164,17 +164,6 @@ void cr_report_area(const cr_area_work *a, const float *alpha, const float *shar
     }
 }
 
-/* Highest point along n of the surface that the zones of a group touch, by their spheres and a sample beyond: a plane through
- * zones that work against each other lies anywhere, the overlap ends here. */
-static float top_of_zones(const cr_respond_input *in, const cr_area_work *a, const float *share, cr_vec3 n) {
-    float top = -3.0e38f;
-    for (uint32_t i = 0; i < a->zone_count; i++) {
-        float end = v3_dot(a->zones[i].centre_world_m, n) + a->zones[i].radius_m;
-        top = share[i] > 0.0f ? max_f(top, end) : top;
-    }
-    return top + in->field->scene->meta->spacing_m;
-}
-
 /* Planes of the zones of a group, from a point near them. A zone that few samples see cuts less: its plane stands off, so that it comes
  * and goes from afar. No plane cuts off what another zone touches: that would be a corner that is not convex. */
 static uint32_t planes_of_group(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share,
@@ -204,18 +193,10 @@ static uint32_t planes_of_group(const cr_respond_input *in, const cr_area_work *
     return count;
 }
 
-/* Do the weights of the zones depend on each other? More than two may, and two that face each other: the faces of a plate. */
-static int zones_depend(const cr_area_work *a) {
-    return a->zone_count > 2u || (a->zone_count == 2u && dot_zone(a, 0u, a->zones[1].normal_world) < -0.9f);
-}
-
 /* Height along n of the contact plane, at most that of the highest point behind the planes of all zones: where the weights depend on each
  * other many are right, and the planes they give lie anywhere above the end of the overlap. */
 static float end_of_overlap(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share,
                             cr_vec3 n, float plane_m) {
-    if (!zones_depend(a)) {
-        return plane_m;
-    }
     cr_plane planes[CR_ZONES_MAX];
     cr_vec3 from = a->zones[0].centre_world_m;
     uint32_t count = planes_of_group(in, a, w, share, from, planes);
@@ -250,8 +231,7 @@ static int answer_group(const cr_respond_input *in, uint32_t index, const cr_are
         return 0;
     }
     out->normal_world = v3_scale(sum, 1.0f / length);
-    out->offset_m = min_f(offset / length, top_of_zones(in, a, part->share, out->normal_world));
-    out->offset_m = end_of_overlap(in, a, w, part->share, out->normal_world, out->offset_m);
+    out->offset_m = end_of_overlap(in, a, w, part->share, out->normal_world, offset / length);
     float lowest = cr_lowest(in, index, a, part, out->normal_world, out->offset_m);
     float open = min_f(v3_norm(out_of_all(a, w)) / a->sum.area, length / touched) / OPEN_MIN;
     float held = min_f(1.0f, length / max_f(v3_norm(whole), 1e-20f));

@@ -1,4 +1,4 @@
-/* control: contact force in, joint torques out; and the state machine. */
+/* control: contact force in, joint torques out. */
 #include "servo/servo_stages.h"
 
 #include <string.h>
@@ -15,74 +15,7 @@
 #define DISSIPATE_PERIODS 10.0f
 #define TINY_N 1e-6f
 
-/* ----------------------------------------------------------------------------------------------------- velocity */
-
-void cr_velocity_reset(cr_velocity *velocity) { memset(velocity, 0, sizeof *velocity); }
-
-/* Counts gained since `back` periods ago. Wraps like the encoder does. */
-static float rise_since(const cr_velocity *v, uint32_t back) {
-    CR_ASSERT(back < v->filled);
-    uint32_t at = (v->head + CR_WINDOW_MAX + 1u - back) % (CR_WINDOW_MAX + 1u);
-    return (float)(int32_t)((uint32_t)v->counts[v->head] - (uint32_t)v->counts[at]);
-}
-
-/* Longest window whose end-to-end line has every sample within one count: a sample i back allows the slopes
- * (rise_i +- 1) / i, and the line has to be in all of them. */
-static uint32_t find_window(const cr_velocity *v, uint32_t limit) {
-    float low = -1e30f, high = 1e30f;
-    uint32_t good = 0u;
-    for (uint32_t n = 1u; n <= limit; n++) {
-        float rise = rise_since(v, n), periods = (float)n;
-        float slope = rise / periods;
-        if (slope < low || slope > high) {
-            break;
-        }
-        good = n;
-        low = max_f(low, (rise - 1.0f) / periods);
-        high = min_f(high, (rise + 1.0f) / periods);
-    }
-    return good;
-}
-
-static void push_counts(cr_velocity *v, int32_t counts) {
-    v->head = (v->head + 1u) % (CR_WINDOW_MAX + 1u);
-    v->counts[v->head] = counts;
-    v->filled += v->filled <= CR_WINDOW_MAX ? 1u : 0u;
-}
-
-/* The samples that did not come, on the straight line between those that did, to the nearest count: within the one count
- * that the window allows anyway. */
-static void bridge_gap(cr_velocity *v, int32_t counts, uint32_t periods) {
-    CR_ASSERT(periods > 0u && periods <= CR_WINDOW_MAX);
-    const int32_t from = v->counts[v->head];
-    const int32_t rise = (int32_t)((uint32_t)counts - (uint32_t)from), n = (int32_t)periods;
-    /* The whole steps apart, so that 32 bits do: a board has no division of 64. */
-    const int32_t whole = rise / n, rest = rise % n, half = rise < 0 ? -n : n;
-    for (int32_t i = 1; i < n; i++) {
-        const int32_t part = whole * i + (2 * rest * i + half) / (2 * n);
-        push_counts(v, (int32_t)((uint32_t)from + (uint32_t)part));
-    }
-}
-
-float cr_velocity_step(cr_velocity *v, int32_t counts, uint32_t periods, uint32_t window) {
-    CR_ASSERT(v->head <= CR_WINDOW_MAX && v->filled <= CR_WINDOW_MAX + 1u);
-    if (periods > CR_WINDOW_MAX) {
-        cr_velocity_reset(v); /* too long ago to say anything */
-    } else if (v->filled > 0u) {
-        bridge_gap(v, counts, periods);
-    }
-    push_counts(v, counts);
-    uint32_t most = v->filled - 1u < window ? v->filled - 1u : window;
-    uint32_t n = find_window(v, most < CR_WINDOW_MAX ? most : CR_WINDOW_MAX);
-    if (n == 0u) {
-        return 0.0f;
-    }
-    float centre = 0.5f * (float)n, sum = 0.0f;
-    for (uint32_t i = 1u; i <= n; i++) {
-        sum += ((float)i - centre) * rise_since(v, i);
-    }
-    return sum * 12.0f / ((float)n * (float)(n + 1u) * (float)(n + 2u));
-}
+void cr_control_reset(cr_control *control) { memset(control, 0, sizeof *control); }
 
 void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
                        const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]) {
@@ -94,10 +27,6 @@ void cr_control_speeds(const cr_servo_config *config, cr_control *control, const
         }
     }
 }
-
-/* ------------------------------------------------------------------------------------------------------ control */
-
-void cr_control_reset(cr_control *control) { memset(control, 0, sizeof *control); }
 
 /* Work of the force that was held since the sample before, on the way the tip made [7]. With positions, not with
  * speeds: the sum telescopes, so neither quantisation nor the velocity filter adds or loses energy. */
@@ -295,36 +224,4 @@ void cr_control_bridge(cr_control *c, cr_control_output *out) {
     out->force_N = v3_scale(c->force_N, 0.5f);
     out->limits = CR_LIMIT_STALE;
     finish(c, out);
-}
-
-/* ------------------------------------------------------------------------------------------------ state machine */
-
-int cr_mode_is_rendering(uint32_t mode) { return mode == CR_MODE_RENDERING || mode == CR_MODE_LIMITED; }
-
-static uint32_t mode_if(uint32_t events, uint32_t event, uint32_t then, uint32_t otherwise) {
-    return (events & event) != 0u ? then : otherwise;
-}
-
-uint32_t cr_mode_next(uint32_t mode, uint32_t events) {
-    if ((events & CR_EVENT_FAULT) != 0u) {
-        return CR_MODE_FAULT;
-    }
-    switch (mode) {
-    case CR_MODE_INIT:
-        return mode_if(events, CR_EVENT_DRIVES_SEEN, CR_MODE_BUS_UP, mode);
-    case CR_MODE_BUS_UP:
-        return mode_if(events, CR_EVENT_DRIVES_ENABLED, CR_MODE_CALIBRATING, mode);
-    case CR_MODE_CALIBRATING:
-        return mode_if(events, CR_EVENT_RESTED, CR_MODE_IDLE, mode);
-    case CR_MODE_IDLE:
-        return mode_if(events, CR_EVENT_STOP, mode, mode_if(events, CR_EVENT_START, CR_MODE_RENDERING, mode));
-    case CR_MODE_RENDERING:
-    case CR_MODE_LIMITED:
-        mode = mode_if(events, CR_EVENT_LIMIT, CR_MODE_LIMITED, CR_MODE_RENDERING);
-        return mode_if(events, CR_EVENT_STOP, CR_MODE_IDLE, mode);
-    case CR_MODE_FAULT:
-        return mode_if(events, CR_EVENT_CLEAR, CR_MODE_INIT, mode);
-    default:
-        return CR_MODE_FAULT; /* a mode that does not exist */
-    }
 }

@@ -461,31 +461,3 @@ cr_servo_status cr_servo_get_status(const cr_servo *s) {
 
 const cr_record *cr_servo_get_record(const cr_servo *s) { return &s->record; }
 const cr_output *cr_servo_get_output(const cr_servo *s) { return &s->output; }
-
-const char *cr_mode_text(uint32_t mode) {
-    static const char *const names[CR_MODE_COUNT] = {"init",      "bus-up",  "calibrating", "idle",
-                                                     "rendering", "limited", "fault"};
-    return mode < CR_MODE_COUNT ? names[mode] : "unknown";
-}
-
-static const char *bit_text(uint32_t bit, const char *const *names, uint32_t count) {
-    for (uint32_t i = 0; i < count; i++) {
-        if (bit == 1u << i) {
-            return names[i];
-        }
-    }
-    return "unknown";
-}
-
-const char *cr_limit_text(uint32_t bit) {
-    static const char *const names[CR_LIMIT_COUNT] = {"force", "rate",      "torque",    "power",
-                                                      "speed", "passivity", "workspace", "stale"};
-    return bit_text(bit, names, CR_LIMIT_COUNT);
-}
-
-const char *cr_servo_fault_text(uint32_t bit) {
-    static const char *const names[CR_FAULT_COUNT] = {
-        "silent",  "heartbeat", "reset", "drive",  "drive-state", "emcy", "jump",  "range",    "not-finite",
-        "overrun", "bad-state", "alien", "babble", "bus-off",     "sdo",  "stuck", "mismatch", "late"};
-    return bit_text(bit, names, CR_FAULT_COUNT);
-}

@@ -1,6 +1,6 @@
 /* The stages of the servo, in flow order, and what passes between them. Internal: users include servo.h.
  *
- *     frames -> bus -> joints -> pose -> (cr_tick) -> control -> bus -> frames
+ *     frames -> bus -> joints -> pose -> (cr_tick) -> modes -> velocity -> control -> bus -> frames
  *
  * Each stage is a pure function of its arguments. */
 #ifndef CR_SERVO_STAGES_H
@@ -8,97 +8,6 @@
 
 #include "contact/math3.h"
 #include "servo.h"
-
-/* --------------------------------------------------------------------------------------------------- velocity */
-
-/* Purpose  speed of one joint from its last counts: first-order adaptive windowing. The window is the longest one, up to
- *          `window`, whose end-to-end line passes within one count of every sample in it; the speed is the least-squares
- *          slope over it. Long and quiet when slow or steady, short and quick when the motion bends.
- * Why      One count in one period is 60 mm/s on the guide: the plain difference is useless for damping, and a fixed
- *          low-pass of equal noise lags always, this one only at constant speed, where lag costs nothing.
- * Measured (60 um steps, 1 kHz, window 16; tests/unit/test_control_velocity.c): noise 1.9, 0.5, 0.8, 0.5 mm/s RMS at 1, 5, 20,
- *          100 mm/s; lag 6.3 ms in 50 mm at 1 Hz, 4.3 ms in 5 mm at 5 Hz, 2.8 ms in 1 mm at 20 Hz. A first-order low-pass of the
- *          difference with 4 ms lag has 2.7, 4.1, 4.2, 4.3 mm/s; with this noise it lags 8 to 16 ms.
- * Source   Janabi-Sharifi, Hayward, Chen 2000. */
-typedef struct {
-    int32_t counts[CR_WINDOW_MAX + 1]; /* ring */
-    uint32_t head, filled;
-} cr_velocity;
-
-void cr_velocity_reset(cr_velocity *velocity);
-/* Purpose  one sample, `periods` after the last: 1 as a rule, more after lost states. Samples in between are put on a straight line.
- * Output   counts per period; finite.   Errors  none: a gap of more than CR_WINDOW_MAX starts anew. */
-float cr_velocity_step(cr_velocity *velocity, int32_t counts, uint32_t periods, uint32_t window);
-
-/* ---------------------------------------------------------------------------------------------------- control */
-
-/* Periods between the tick that computes a force and the sample at the end of its action: the work in the step from
- * sample k-1 to sample k was done by the force of tick k-2, which went out with SYNC k-1. */
-#define CR_FORCE_DELAY 2
-
-typedef struct {
-    cr_velocity velocity[CR_AXES];
-    cr_vec3 tip_before_m;
-    cr_vec3 applied_N[CR_FORCE_DELAY]; /* [0] of the last tick */
-    cr_vec3 bridged_N;                 /* sum of the forces that acted in the periods since the last sample */
-    cr_vec3 force_N;                   /* of the last tick, after the limits: where the rate limit starts */
-    float torque[CR_AXES];
-    float energy_J;
-    float ramp; /* 0..1 */
-    uint32_t has_before;
-    uint32_t bridged;    /* periods since the last sample */
-    uint32_t free_ticks; /* since the last contact force */
-} cr_control;
-
-typedef struct {
-    const cr_kinematics *kinematics;
-    cr_vec3 contact_force_N; /* from the haptic tick, world */
-    float joint[CR_AXES];
-    float speed[CR_AXES]; /* joint units per s */
-    float period_s;
-} cr_control_input;
-
-typedef struct {
-    float torque[CR_AXES]; /* joint torques, finite, within torque_max */
-    cr_vec3 force_N;       /* what of them acts at the tip beyond compensation */
-    cr_vec3 velocity_m_s;
-    float energy_J;
-    uint32_t limits;
-    uint32_t finite; /* 0: the sums met a number that is none; torque and force are zero then */
-} cr_control_output;
-
-/* Purpose  forget motion, energy and force: the next tick starts from nothing. */
-void cr_control_reset(cr_control *control);
-
-/* Purpose  speeds of the joints, from counts; to be called in every tick.
- * Shapes   periods[a]: since the last sample of axis a; 0: none came, its speed is 0 and nothing is kept. */
-void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
-                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]);
-
-/* Purpose  one tick of rendering: damping, passivity, limits, compensation, joint torques.
- * Errors   none: out->limits.   Cost  about 0.2 us.   Source  DESIGN.md "Control". */
-void cr_control_step(const cr_servo_config *config, cr_control *control, const cr_control_input *in,
-                     cr_control_output *out);
-
-/* Purpose  a tick without a fresh sample: the last torque, halved. */
-void cr_control_bridge(cr_control *control, cr_control_output *out);
-
-/* What moves the state machine. */
-enum {
-    CR_EVENT_DRIVES_SEEN = 1u,
-    CR_EVENT_DRIVES_ENABLED = 2u,
-    CR_EVENT_RESTED = 4u,
-    CR_EVENT_START = 8u,
-    CR_EVENT_STOP = 16u,
-    CR_EVENT_CLEAR = 32u,
-    CR_EVENT_FAULT = 64u,
-    CR_EVENT_LIMIT = 128u
-};
-
-/* Purpose  the mode after these events. FAULT wins over all, STOP over START; one step per tick. */
-uint32_t cr_mode_next(uint32_t mode, uint32_t events);
-/* Output  1 in rendering and limited: the only modes whose torque may differ from zero. */
-int cr_mode_is_rendering(uint32_t mode);
 
 /* -------------------------------------------------------------------------------------------------------- bus */
 
@@ -176,6 +85,99 @@ void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t tar
 
 /* Purpose  a joint torque in per mille of rated, rounded to nearest, clamped to `limit` and to int16; 0 for not-a-number. */
 int16_t cr_per_mille(float torque, float rated, float limit);
+
+/* ------------------------------------------------------------------------------------------------------ modes */
+
+/* What moves the state machine. */
+enum {
+    CR_EVENT_DRIVES_SEEN = 1u,
+    CR_EVENT_DRIVES_ENABLED = 2u,
+    CR_EVENT_RESTED = 4u,
+    CR_EVENT_START = 8u,
+    CR_EVENT_STOP = 16u,
+    CR_EVENT_CLEAR = 32u,
+    CR_EVENT_FAULT = 64u,
+    CR_EVENT_LIMIT = 128u
+};
+
+/* Purpose  the mode after these events. FAULT wins over all, STOP over START; one step per tick. */
+uint32_t cr_mode_next(uint32_t mode, uint32_t events);
+/* Output  1 in rendering and limited: the only modes whose torque may differ from zero. */
+int cr_mode_is_rendering(uint32_t mode);
+
+/* --------------------------------------------------------------------------------------------------- velocity */
+
+/* Purpose  speed of one joint from its last counts: first-order adaptive windowing. The window is the longest one, up to
+ *          `window`, whose end-to-end line passes within one count of every sample in it; the speed is the least-squares
+ *          slope over it. Long and quiet when slow or steady, short and quick when the motion bends.
+ * Why      One count in one period is 60 mm/s on the guide: the plain difference is useless for damping, and a fixed
+ *          low-pass of equal noise lags always, this one only at constant speed, where lag costs nothing.
+ * Measured (60 um steps, 1 kHz, window 16; tests/unit/test_control_velocity.c): noise 1.9, 0.5, 0.8, 0.5 mm/s RMS at 1, 5, 20,
+ *          100 mm/s; lag 6.3 ms in 50 mm at 1 Hz, 4.3 ms in 5 mm at 5 Hz, 2.8 ms in 1 mm at 20 Hz. A first-order low-pass of the
+ *          difference with 4 ms lag has 2.7, 4.1, 4.2, 4.3 mm/s; with this noise it lags 8 to 16 ms.
+ * Source   Janabi-Sharifi, Hayward, Chen 2000. */
+typedef struct {
+    int32_t counts[CR_WINDOW_MAX + 1]; /* ring */
+    uint32_t head, filled;
+} cr_velocity;
+
+void cr_velocity_reset(cr_velocity *velocity);
+/* Purpose  one sample, `periods` after the last: 1 as a rule, more after lost states. Samples in between are put on a straight line.
+ * Output   counts per period; finite.   Errors  none: a gap of more than CR_WINDOW_MAX starts anew. */
+float cr_velocity_step(cr_velocity *velocity, int32_t counts, uint32_t periods, uint32_t window);
+
+/* ---------------------------------------------------------------------------------------------------- control */
+
+/* Periods between the tick that computes a force and the sample at the end of its action: the work in the step from
+ * sample k-1 to sample k was done by the force of tick k-2, which went out with SYNC k-1. */
+#define CR_FORCE_DELAY 2
+
+typedef struct {
+    cr_velocity velocity[CR_AXES];
+    cr_vec3 tip_before_m;
+    cr_vec3 applied_N[CR_FORCE_DELAY]; /* [0] of the last tick */
+    cr_vec3 bridged_N;                 /* sum of the forces that acted in the periods since the last sample */
+    cr_vec3 force_N;                   /* of the last tick, after the limits: where the rate limit starts */
+    float torque[CR_AXES];
+    float energy_J;
+    float ramp; /* 0..1 */
+    uint32_t has_before;
+    uint32_t bridged;    /* periods since the last sample */
+    uint32_t free_ticks; /* since the last contact force */
+} cr_control;
+
+typedef struct {
+    const cr_kinematics *kinematics;
+    cr_vec3 contact_force_N; /* from the haptic tick, world */
+    float joint[CR_AXES];
+    float speed[CR_AXES]; /* joint units per s */
+    float period_s;
+} cr_control_input;
+
+typedef struct {
+    float torque[CR_AXES]; /* joint torques, finite, within torque_max */
+    cr_vec3 force_N;       /* what of them acts at the tip beyond compensation */
+    cr_vec3 velocity_m_s;
+    float energy_J;
+    uint32_t limits;
+    uint32_t finite; /* 0: the sums met a number that is none; torque and force are zero then */
+} cr_control_output;
+
+/* Purpose  forget motion, energy and force: the next tick starts from nothing. */
+void cr_control_reset(cr_control *control);
+
+/* Purpose  speeds of the joints, from counts; to be called in every tick.
+ * Shapes   periods[a]: since the last sample of axis a; 0: none came, its speed is 0 and nothing is kept. */
+void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
+                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]);
+
+/* Purpose  one tick of rendering: damping, passivity, limits, compensation, joint torques.
+ * Errors   none: out->limits.   Cost  about 0.2 us.   Source  DESIGN.md "Control". */
+void cr_control_step(const cr_servo_config *config, cr_control *control, const cr_control_input *in,
+                     cr_control_output *out);
+
+/* Purpose  a tick without a fresh sample: the last torque, halved. */
+void cr_control_bridge(cr_control *control, cr_control_output *out);
 
 /* ------------------------------------------------------------------------------------------------------ servo */
 

@@ -33,7 +33,7 @@ SPOILED = [
     ),
     (
         "record_config",
-        "servo/servo_config.c",
+        "servo/config.c",
         "c->window > CR_WINDOW_MAX",
         "c->window > CR_WINDOW_MAX + 1u",
     ),
@@ -106,7 +106,7 @@ def test_a_proof_that_is_not_there_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    "file", ["contact/scene.c", "servo/sdo.c", "servo/record.c", "servo/servo_config.c"]
+    "file", ["contact/scene.c", "servo/sdo.c", "servo/record.c", "servo/config.c"]
 )
 def test_no_float_becomes_an_integer_where_bytes_come_in(file: str) -> None:
     """ESBMC does not ask whether such a conversion is defined: there are none."""

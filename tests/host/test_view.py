@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from crease.bake.bodies import Body, read_bodies, reduce_body
+from crease.base.attitude import to_matrix
 from crease.base.errors import CreaseError, SceneError
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene, meshes_path, open_scene
@@ -140,8 +141,7 @@ def test_samples_in_contact_are_those_inside_the_voxmap(name: str) -> None:
     samples_m = tool_samples_m(scene)
     checked = 0
     for tick in range(0, len(path), 97):
-        w, v = path.rows[tick, 4], path.rows[tick, 5:]
-        turned_m = samples_m + 2.0 * np.cross(v, np.cross(v, samples_m) + w * samples_m)
+        turned_m = samples_m @ to_matrix(path.rows[tick, 4:]).T
         phi_m = look_up_m(scene, turned_m + path.position_m[tick])
         touching = states_after(contacts, tick, len(samples_m))[:, 0] > 0
         if contacts.ticks["areas"][tick] == 0:

@@ -23,6 +23,7 @@ from crease.base.scene import Scene, open_image
 from crease.mesh.mesh import make_mesh
 from crease.replay.replay import ReplayOptions, World
 from crease.replay.trajectory import Trajectory
+from scipy.spatial.transform import Rotation
 
 F64 = npt.NDArray[np.float64]
 Solid = Any
@@ -138,13 +139,7 @@ def pair(name: str) -> Pair:
 
 def matrices(rotation: F64) -> F64:
     """Rotation matrices (n, 3, 3) of unit quaternions (n, 4), scalar first."""
-    w, x, y, z = rotation.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return np.asarray(Rotation.from_quat(rotation, scalar_first=True).as_matrix())
 
 
 def random_rotations(rng: np.random.Generator, count: int) -> F64:

@@ -24,7 +24,7 @@
 #define FRAMES 64
 #define OWN_DAMPING_NS_M 1.0 /* of the device, as the energy account takes it: control.c */
 #define MS_NS 1000000ull
-#define ARM_Y_M (-1.41421356 * 0.45) /* of the base in the world, servo_config.c */
+#define ARM_Y_M (-1.41421356 * 0.45) /* of the base in the world, config.c of the servo */
 
 /* What is kept of a stroke: means over its ticks. */
 typedef struct {

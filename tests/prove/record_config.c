@@ -4,8 +4,8 @@
  * Unwind   5 */
 #include "prove.h"
 
-#include "contact/config.c"
-#include "servo/servo_config.c"
+#include "contact/settings.c"
+#include "servo/config.c"
 
 int main(void) {
     cr_servo_config config; /* not set: anything */

@@ -158,9 +158,9 @@ static void speeds_are_of_samples_that_came(void **state) {
     cr_velocity v;
     cr_velocity_reset(&v);
     (void)cr_velocity_step(&v, 0, 1u, 16u);
-    STOPS_IN("control.c", (void)cr_velocity_step(&v, 0, 0u, 16u));
+    STOPS_IN("velocity.c", (void)cr_velocity_step(&v, 0, 0u, 16u));
     v.head = CR_WINDOW_MAX + 1u;
-    STOPS_IN("control.c", (void)cr_velocity_step(&v, 0, 1u, 16u));
+    STOPS_IN("velocity.c", (void)cr_velocity_step(&v, 0, 1u, 16u));
 }
 
 #endif

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.bake.bodies import Body, read_bodies, reduce_body
+from crease.base.attitude import to_matrix
 from crease.base.errors import SceneError, TableError
 from crease.base.scene import Scene
 from crease.draw.plot import forces_N, torques_Nm, turn_deg
@@ -211,9 +212,7 @@ def _camera(scene: Scene, path: Trajectory, contacts: Contacts) -> dict[str, obj
     """Where to look from: the middle of the path, across its plane and from outside, wide enough for the tool."""
     meta = scene.meta
     centre = np.array([float(v) for v in meta.root_centre_m])
-    w, v = path.rows[:, 4:5], path.rows[:, 5:]
-    turned = centre + 2.0 * np.cross(v, np.cross(v, centre) + w * centre)
-    middle_m = turned + path.position_m
+    middle_m = to_matrix(path.rows[:, 4:]) @ centre + path.position_m
     zones = contacts.zones
     outward = _unit(zones["normal"].astype(np.float64).sum(axis=0)) if len(zones) else np.zeros(3)
     outward = outward if outward.any() else np.array([0.0, 0.0, 1.0])

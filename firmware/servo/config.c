@@ -1,4 +1,4 @@
-/* servo_config: the assumed device, and what a configuration may hold. */
+/* config: the assumed device, and what a configuration may hold. */
 #include "servo/servo_stages.h"
 
 #define PI_F 3.14159265f
