@@ -468,7 +468,8 @@ lint-rooms:
 	$(PY) tests/check/rooms.py
 
 lint-statics:
-	$(PY) tests/check/statics.py gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -- $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard sim/*.c)
+	$(PY) tests/check/statics.py gcc $(C_STD) $(INCLUDES) -- $(FIRMWARE_C) $(NATIVE_C) $(wildcard sim/*.c)
+	$(PY) tests/check/statics.py gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -- $(EXTRA_C)
 
 lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)
