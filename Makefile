@@ -28,7 +28,7 @@ APT_BROWSER := chromium-headless-shell
 BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 
 FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c)
-# Other methods, for comparison: host and simulator only, never in a device library.
+# Other methods, for comparison: on the host only, in an extension and tests of their own, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
 CONTACT_C := $(wildcard firmware/contact/*.c)
 PORT_C := $(wildcard firmware/port/linux/*.c)
@@ -111,7 +111,7 @@ build/.npm: $(PAGE_LOCK) | build/.apt-npm
 
 # ------------------------------------------------------------------------------------------------------ building
 
-build: build/.host ## the C extension and the `crease` command, in .venv
+build: build/.host ## the C extensions and the `crease` command, in .venv
 
 # The list of modules: the editable install has to know a new one.
 build/modules.txt: FORCE
@@ -120,7 +120,7 @@ build/modules.txt: FORCE
 build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h) $(NATIVE_H) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
-	@echo "extension: crease._native"
+	@echo "extensions: crease._native, as it ships; crease._rivals; crease._sim"
 	@exec 9>build/.lock; flock 9; \
 	$(PY) -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable host >build/host.log 2>&1 \
 	    || { cat build/host.log; exit 1; }
@@ -470,7 +470,8 @@ lint-rooms:
 	$(PY) tests/check/rooms.py
 
 lint-statics:
-	$(PY) tests/check/statics.py gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -- $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard sim/*.c)
+	$(PY) tests/check/statics.py gcc $(C_STD) $(INCLUDES) -- $(FIRMWARE_C) $(NATIVE_C) $(wildcard sim/*.c)
+	$(PY) tests/check/statics.py gcc $(C_STD) $(WITH_RIVALS) $(INCLUDES) -- $(EXTRA_C)
 
 lint-clang-format:
 	clang-format --dry-run -Werror $(C_ALL)

@@ -1,5 +1,5 @@
 /* Rival responses: what other authors' methods answer to the same contact, for comparison only. Not part of the device library:
- * compiled with CR_RIVALS for the host and the simulator. README.md has the table of what was implemented and what was left out.
+ * compiled with CR_RIVALS into an extension of their own, on the host. README.md has the table of what was implemented and what was left out.
  *
  * Each response gets the contact that detect and zones found and looks up distances at the shell's samples. All of them
  *   Units    m; a force divided by the stiffness is a length, so an area's depth is |force| / stiffness.

@@ -32,11 +32,11 @@ import test_golden_extent as extent_golden  # noqa: E402
 from crease.base.errors import CreaseError  # noqa: E402
 from crease.base.scene import open_scene  # noqa: E402
 from crease.replay.measures import Accuracy, Felt, compare, motion_m  # noqa: E402
-from crease.replay.replay import ROW, ReplayOptions  # noqa: E402
+from crease.replay.replay import DEFAULT_RESPONSE, ROW, ReplayOptions  # noqa: E402
 from crease.replay.trajectory import load_trajectory  # noqa: E402
 from ranges import Guard, by_constant, read_guards  # noqa: E402
 from study.against_exact import box_corners, exact_felt, read_exact  # noqa: E402
-from study.program import FLAGS, ROOT, words_for  # noqa: E402
+from study.program import FLAGS, RIVALS, ROOT, WITH_RIVALS, words_for  # noqa: E402
 
 CONTACT = ROOT / "firmware" / "contact"
 PAGE = CONTACT / "CONSTANTS.md"
@@ -141,11 +141,12 @@ def spoil(constant: Constant, text: str, folder: Path) -> list[Path]:
 
 
 class Laboratory:
-    """Objects of the core, compiled once; one file at a time is compiled anew."""
+    """Objects of the core for a response, as it ships or with rivals, compiled once; one file at a time anew."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, response: str) -> None:
         """Compile all.   Errors: CreaseError."""
-        self.folder = folder
+        self.folder, self.response = folder, response
+        self.flags = FLAGS if response == DEFAULT_RESPONSE else (*FLAGS, WITH_RIVALS)
         self.sources = {
             f"rivals/{file.name}" if file.parent.name == "rivals" else file.name: file
             for file in (
@@ -153,7 +154,7 @@ class Laboratory:
                 ROOT / "tests/check/blob.c",
                 ROOT / "host/native/replay.c",
                 *sorted(CONTACT.glob("*.c")),
-                *(ROOT / "firmware/rivals").glob("*.c"),
+                *(RIVALS if WITH_RIVALS in self.flags else ()),
             )
         }
         self.objects = {
@@ -163,7 +164,7 @@ class Laboratory:
 
     def _compile(self, source: Path, first: Sequence[str], to: Path) -> Path:
         folders = [f"-I{ROOT / name}" for name in ("firmware", "host/native", "tests/check")]
-        _run(["cc", *FLAGS, "-O2", *first, *folders, "-c", source, "-o", to])
+        _run(["cc", *self.flags, "-O2", *first, *folders, "-c", source, "-o", to])
         return to
 
     def program(self, constant: Constant | None, text: str) -> Path:
@@ -178,14 +179,15 @@ class Laboratory:
         _run(["cc", *objects.values(), "-lm", "-o", to])
         return to
 
-    def measure(self, program: Path, response: str, scene_name: str) -> Accuracy:
+    def measure(self, program: Path, scene_name: str) -> Accuracy:
         """The golden figures of a scene by a program of this laboratory."""
-        golden = GOLDEN[response]
+        golden = GOLDEN[self.response]
         spec = golden.SPECS[scene_name]
-        exact = read_exact(EXACT[response] / str(spec.exact))
+        exact = read_exact(EXACT[self.response] / str(spec.exact))
         scene, path = open_scene(bench.SCENES / f"{scene_name}.crs"), load_trajectory(spec.path)
         image = np.frombuffer(bytes(scene.image), np.uint8)
-        _run(words_for(program, self.folder, image, path.rows, ReplayOptions(response=response)))
+        options = ReplayOptions(response=self.response)
+        _run(words_for(program, self.folder, image, path.rows, options))
         rows = np.fromfile(self.folder / "rows", ROW)
         felt = Felt(*(rows[n].astype(np.float64) for n in ("force_N", "depth_m", "torque_Nm")))
         moved = motion_m(path.rows[:, 1:4], path.rows[:, 4:8], box_corners(scene))
@@ -210,14 +212,15 @@ Figures = dict[tuple[str, str, str], float]
 
 
 def figures_of(
-    lab: Laboratory, program: Path, responses: Iterable[str], names: Sequence[str]
+    labs: Iterable[Laboratory], constant: Constant | None, text: str, names: Sequence[str]
 ) -> Figures:
-    """All golden figures by a program; scenes without an exact table of a response are left out."""
+    """All golden figures with another value of a constant; scenes without an exact table of a response are left out."""
     found: Figures = {}
-    for response in responses:
+    for lab in labs:
+        response, program = lab.response, lab.program(constant, text)
         for name in names or list(GOLDEN[response].SPECS):
             if name in GOLDEN[response].SPECS:
-                accuracy = lab.measure(program, response, name)
+                accuracy = lab.measure(program, name)
                 for measure in way_golden.MEASURES:
                     found[response, name, measure] = float(getattr(accuracy, measure))
     return found
@@ -260,13 +263,16 @@ def measured(constants: Sequence[Constant], names: Sequence[str]) -> dict[Consta
     found = {}
     bounds = bounds_of()
     with tempfile.TemporaryDirectory() as name:
-        lab = Laboratory(Path(name))
-        before = figures_of(lab, lab.program(None, ""), GOLDEN, names)
+        labs = {}
+        for response in GOLDEN:
+            (folder := Path(name) / response).mkdir()
+            labs[response] = Laboratory(folder, response)
+        before = figures_of(labs.values(), None, "", names)
         for constant in constants:
             cells = []
             for factor in (0.5, 2.0):
-                program = lab.program(constant, constant.scaled(factor))
-                after = figures_of(lab, program, constant.responses, names)
+                chosen = [labs[response] for response in constant.responses]
+                after = figures_of(chosen, constant, constant.scaled(factor), names)
                 cells.append(told(before, after, bounds))
             found[constant] = cells
             print(f"{constant.file} {constant.name}: {'; '.join(cells)}", flush=True)

@@ -52,7 +52,7 @@ class Bench:
         """Replays of golden paths, made when one is asked for."""
         place = self.folder / "replays"
         place.mkdir()
-        return Laboratory(place)
+        return Laboratory(place, "way_out")
 
     @cached_property
     def scalar(self) -> dict[str, Path]:
@@ -77,7 +77,7 @@ class Bench:
             return work_units.is_as_before(weight, work_units.cost_of(weight, parts))
         scene, _, measure = test.removeprefix(GOLDEN).strip("[]").partition("-")
         program = self.laboratory.program(constant, constant.text(value))
-        accuracy = self.laboratory.measure(program, "way_out", scene)
+        accuracy = self.laboratory.measure(program, scene)
         return bool(getattr(accuracy, measure) <= golden_bound(scene, measure))
 
     def _run_c(self, constant: Constant, text: str, program: str) -> str:

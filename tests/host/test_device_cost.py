@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,18 +51,6 @@ MANY_SURFACES = [
     *(0.3741173558, -0.0854342292, 0.1434040570, 0.9122350936),
 ]
 """Deep in `part_spanner`: 4,605 units of work for an answer."""
-SIZE = """#include "servo.h"
-#include <stdio.h>
-int main(int argc, char **argv) {
-    static _Alignas(64) unsigned char image[1 << 23];
-    FILE *file = argc == 2 ? fopen(argv[1], "rb") : NULL;
-    cr_scene scene;
-    if (file == NULL || cr_scene_open(&scene, image, fread(image, 1, sizeof image, file)) != CR_OK) return 1;
-    cr_servo_config config = cr_servo_config_default();
-    printf("%zu", cr_servo_size(&scene, &config));
-    return fclose(file);
-}
-"""
 
 
 def test_code_and_stack_are_those_of_the_page_of_memory() -> None:
@@ -124,15 +111,13 @@ def test_sizes_that_pages_propose_for_a_scene_fit_the_board() -> None:
         assert all(0.99 * room < parse_size(size) <= room for size in said), place
 
 
-def test_ram_is_what_the_library_asks_for(tmp_path: Path, scene_crs: Path) -> None:
-    """As it ships, without the rivals that the host's extension has beside it."""
-    (tmp_path / "size.c").write_text(SIZE, "ascii")
-    library, include = ROOT / "build" / "gcc" / "libcrease.a", f"-I{ROOT / 'firmware'}"
-    words = ["gcc", include, tmp_path / "size.c", library, "-lm", "-o", tmp_path / "size"]
-    subprocess.run([str(w) for w in words], check=True)
+def test_ram_is_what_the_library_asks_for(scene_crs: Path) -> None:
+    """The extension is compiled as the library ships."""
+    config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
     for path in (scene_crs, ROOT / "build" / "scenes" / "part_spanner.crs"):
-        size = int(subprocess.check_output([tmp_path / "size", path]))
-        cost = cost_of(open_scene(path), "stm32h743")
+        scene = open_scene(path)
+        cost = cost_of(scene, "stm32h743")
+        size = lib.cr_servo_size(scene.handle, config)
         assert cost.memory_bytes == size
 
 

@@ -99,6 +99,8 @@ def test_two_meshes_are_baked_replayed_plotted_and_viewed(
         assert columns["fz_N"].max() > 1.0
         digests.add(hashlib.sha256(b"".join(c.tobytes() for c in columns.values())).hexdigest())
     assert len(digests) == 1
+    other = ("-o", tmp_path / "other.npz", "--response", "extent")
+    call("crease", "replay", scene, press_csv, *other)
     call("crease", "plot", table, "-o", tmp_path / "out.png")
     call("crease", "view", table, "--scene", scene, "-o", tmp_path / "out.html")
     assert (tmp_path / "out.png").stat().st_size > 10_000
@@ -135,9 +137,10 @@ def wide(library: Path) -> int:
 def test_the_baseline_runs_on_any_processor_and_the_other_is_worth_having(place: Path) -> None:
     (package,) = place.glob("lib/python*/site-packages/crease")
     count = {file.name.split(".")[0]: wide(file) for file in package.glob("*.so")}
-    assert count["_native"] == count["_sim"] == 0
-    assert ("_native_v3" in count) == (sysconfig.get_platform() == "linux-x86_64")
-    assert count.get("_native_v3", 1001) > 1000
+    assert count["_native"] == count["_rivals"] == count["_sim"] == 0
+    for name in ("_native_v3", "_rivals_v3"):
+        assert (name in count) == (sysconfig.get_platform() == "linux-x86_64")
+        assert count.get(name, 1001) > 1000
 
 
 def test_a_level_that_is_not_there_is_said_in_one_line(place: Path) -> None:

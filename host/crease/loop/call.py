@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from crease.base.arguments import check_number, check_whole
 from crease.base.errors import LoopError, TrajectoryError
-from crease.base.native import lib
 from crease.base.scene import Scene
 from crease.base.table import check_suffix, check_target, write_bytes
 from crease.loop import hil
@@ -163,7 +162,7 @@ class Loop:
     @property
     def faults(self) -> list[str]:
         """Names of the faults that hold the servo; empty: none."""
-        return fault_names(int(lib.cr_servo_get_status(self._loop.servo.c).faults))
+        return fault_names(self._loop.faults)
 
     def start(self, pose: npt.ArrayLike) -> None:
         """Bring the device up with the hand at `pose` (7,) and begin to render. `tick` and `run` do it when it is due.

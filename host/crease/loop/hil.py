@@ -145,34 +145,42 @@ class Loop:
         """
         self.servo = Servo(scene, config)
         self.config = self.servo.config
+        self._ffi, self._lib = self.servo.native.ffi, self.servo.native.lib
         self.drives = Drives(params, wall_clock=at_once, faults=faults)
         self._wire = Wire(self.drives, 0, 0) if at_once else Wire(self.drives)
-        self._clock = ffi.new("cr_lockstep_clock *")
+        self._clock = self._ffi.new("cr_lockstep_clock *")
         self._clock.period_ns, self._clock.period_s = PERIOD_NS, self.config.period_s
         self._clock.deadline_ns, self._clock.compute_ns = deadline_ns, compute_ns
         self._clock.at_once, self._clock.search_work = int(at_once), search_work
-        self._far = ffi.new("cr_lockstep_drives *")
-        self._far.sim = _pointer("void *", self.drives.c)
-        self._far.wire = _pointer("void *", self._wire.c)
+        self._far = self._ffi.new("cr_lockstep_drives *")
+        self._far.sim = self._pointer("void *", self.drives.c)
+        self._far.wire = self._pointer("void *", self._wire.c)
         for name in ("wire_put", "wire_get", "sim_target", "sim_read"):
             address = sim_ffi.addressof(sim_lib, f"cr_{name}")
-            setattr(self._far, name.split("_")[1], _pointer("cr_lockstep_fn", address))
+            setattr(self._far, name.split("_")[1], self._pointer("cr_lockstep_fn", address))
         self._records: list[npt.NDArray[Any]] = []
         self._rows: list[npt.NDArray[Any]] = []
         self.ticks = 0
         self.on_frame: Callable[[float, Frame], None] | None = None
         """Told of every frame: when, s, and what."""
-        self._seen = ffi.callback("void(uint64_t, cr_frame *)", self._see, onerror=self._catch)
+        self._seen = self._ffi.callback(
+            "void(uint64_t, cr_frame *)", self._see, onerror=self._catch
+        )
         self._caught: BaseException | None = None
 
     @property
     def mode(self) -> int:
         """CR_MODE_* after the last tick."""
-        return int(lib.cr_servo_get_record(self.servo.c).mode)
+        return int(self._lib.cr_servo_get_record(self.servo.c).mode)
+
+    @property
+    def faults(self) -> int:
+        """CR_SERVO_FAULT_* that hold the servo."""
+        return int(self._lib.cr_servo_get_status(self.servo.c).faults)
 
     def command(self, bits: int) -> None:
         """CR_COMMAND_* for the next tick."""
-        lib.cr_servo_input(self.servo.c, bits)
+        self._lib.cr_servo_input(self.servo.c, bits)
 
     def bump(self, impulse_Ns: F64) -> None:
         """Knock against the tip, frame of the base."""
@@ -180,7 +188,7 @@ class Loop:
 
     def _see(self, at_ns: int, frame: Any) -> None:
         if self.on_frame is not None:
-            data = bytes(ffi.buffer(frame.data, frame.size))
+            data = bytes(self._ffi.buffer(frame.data, frame.size))
             self.on_frame(at_ns * 1e-9, Frame(int(frame.id), data))
 
     def _catch(self, _kind: Any, error: BaseException, _trace: Any) -> None:
@@ -188,17 +196,18 @@ class Loop:
 
     def _run(self, targets: F64 | None, count: int, stop_modes: int) -> int:
         records, rows = np.zeros(count, dtype=RECORD), np.zeros(count, dtype=MECHANISM)
-        self._far.seen = ffi.NULL if self.on_frame is None else self._seen
+        own = self._ffi
+        self._far.seen = own.NULL if self.on_frame is None else self._seen
         done = int(
-            lib.cr_lockstep_run(
+            self._lib.cr_lockstep_run(
                 self.servo.c,
                 self._far,
                 self._clock,
-                ffi.NULL if targets is None else ffi.from_buffer("double[]", targets),
+                own.NULL if targets is None else own.from_buffer("double[]", targets),
                 count,
                 stop_modes,
-                ffi.from_buffer("cr_record[]", records, require_writable=True),
-                ffi.from_buffer("cr_lockstep_row[]", rows, require_writable=True),
+                own.from_buffer("cr_record[]", records, require_writable=True),
+                own.from_buffer("cr_lockstep_row[]", rows, require_writable=True),
             )
         )
         self._records.append(records[:done])
@@ -228,8 +237,7 @@ class Loop:
         if self.mode not in (idle, fault):
             self.run(np.repeat(lead[-1:], BRING_UP_TICKS, axis=0), 1 << idle | 1 << fault)
         if self.mode != idle:
-            status = lib.cr_servo_get_status(self.servo.c)
-            why = ", ".join(fault_names(int(status.faults))) or "the drives do not come up"
+            why = ", ".join(fault_names(self.faults)) or "the drives do not come up"
             raise LoopError(f"the loop did not reach idle after {self.ticks} ticks: {why}")
 
     def latest(self, ticks: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
@@ -250,10 +258,9 @@ class Loop:
         recording = Recording(rows, self.config, scene_crc32(self.servo.scene), "in process")
         return LoopResult(recording, self._rows[0], path_start)
 
-
-def _pointer(kind: str, value: Any) -> Any:
-    """An address of one extension in the types of the other."""
-    return ffi.cast(kind, int(sim_ffi.cast("uintptr_t", value)))
+    def _pointer(self, kind: str, value: Any) -> Any:
+        """An address of the simulator in the types of the servo's extension."""
+        return self._ffi.cast(kind, int(sim_ffi.cast("uintptr_t", value)))
 
 
 def run_inprocess(

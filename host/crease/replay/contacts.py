@@ -60,6 +60,7 @@ class Areas:
 def find_areas(scene: Scene, path: Trajectory, options: ReplayOptions) -> Areas:
     """Where a path touches, and the force that each area gives.   Errors: SceneError.   Cost: that of the ticks."""
     world = World(scene, options)
+    ffi, lib = world.native.ffi, world.native.lib
     counts = np.zeros(len(path), np.uint32)
     areas = np.zeros(int(lib.CR_AREAS_MAX) + 64 * _CHUNK, AREA)
     count_rows = ffi.from_buffer("uint32_t[]", counts, require_writable=True)
@@ -100,15 +101,23 @@ def parted_as(options: ReplayOptions) -> ReplayOptions:
     return ReplayOptions(response="extent", coverage=options.coverage)
 
 
+def _watch(world: World) -> Any:
+    """A `crv_watch *` of what a world touches, which has to live as long.   Errors: SceneError."""
+    native = world.native
+    made = native.lib.crv_watch_new(world.handle, world.own_scene)
+    if made == native.ffi.NULL:
+        raise SceneError(f"{world.scene.source}: no memory for the contacts of its tool")
+    return native.ffi.gc(made, native.lib.crv_watch_free)
+
+
 def find_contacts(scene: Scene, path: Trajectory, options: ReplayOptions) -> Contacts:
     """Areas and zones along a path, parted as `parted_as` says. They do not depend on stiffness or damping.
 
     Errors: SceneError when memory runs out.   Cost: that of the ticks, about 10 us each.
     """
     world = World(scene, parted_as(options))
-    watch = ffi.gc(lib.crv_watch_new(world.handle, scene.handle), lib.crv_watch_free)
-    if watch == ffi.NULL:
-        raise SceneError(f"{scene.source}: no memory for the contacts of its tool")
+    ffi, lib = world.native.ffi, world.native.lib
+    watch = _watch(world)
     count = int(scene.handle.cluster_count)
     changes = np.zeros(2 * LANES * count + 64 * _CHUNK, CHANGE)
     zones = np.zeros(int(lib.CR_AREAS_MAX * lib.CR_ZONES_MAX) + 64 * _CHUNK, ZONE)
@@ -150,10 +159,7 @@ class Watcher:
     def __init__(self, scene: Scene, options: ReplayOptions) -> None:
         self._scene = scene
         self._worlds = World(scene, options), World(scene, options)
-        made = lib.crv_watch_new(self._worlds[0].handle, scene.handle)
-        self._watch = ffi.gc(made, lib.crv_watch_free)
-        if made == ffi.NULL:
-            raise SceneError(f"{scene.source}: no memory for the contacts of its tool")
+        self._watch = _watch(self._worlds[0])
         count = int(scene.handle.cluster_count)
         self._patch = np.full(LANES * count, -2, np.int64)  # -2: touches nothing
         self._number = (
@@ -167,6 +173,7 @@ class Watcher:
         """pose: (7,).   Output: copies.   Cost: two ticks."""
         row, tick, count = np.zeros(8), np.zeros(1, TICK), np.zeros(1, np.uint32)
         row[1:] = pose
+        ffi, lib = self._worlds[0].native.ffi, self._worlds[0].native.lib
         given = ffi.from_buffer("cr_path_row[]", row)
 
         def room(kind: str, array: npt.NDArray[Any]) -> Any:

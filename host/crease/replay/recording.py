@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.errors import RecordingError
-from crease.base.native import error_text, ffi, lib
+from crease.base.native import error_text, ffi, lib, lib_of
 from crease.base.records import record
 from crease.base.scene import Scene
 
@@ -83,7 +83,7 @@ def load_recording(path: Path) -> Recording:
     if len(data) < start:
         raise RecordingError(f"{path}: is no recording: {len(data)} bytes are less than its head")
     head, config = ffi.new("cr_record_head *"), ffi.new("cr_servo_config *")
-    code = int(lib.cr_record_head_read(data, head, config))
+    code = _read_head(data, head, config)
     if code != lib.CR_OK:
         reason = {
             lib.CR_ERR_MAGIC: "is no recording of the servo",
@@ -98,6 +98,22 @@ def load_recording(path: Path) -> Recording:
         )
     rows = np.frombuffer(data, dtype=RECORD, count=whole, offset=start).copy()
     return Recording(rows, config, int(head.scene_crc32), str(path), cut)
+
+
+def _read_head(data: bytes, head: Any, config: Any) -> int:
+    """cr_record_head_read, by the extension that has the response of the recording.   Output: a cr_err."""
+    code = int(lib.cr_record_head_read(data, head, config))
+    if code != lib.CR_ERR_CONFIG:
+        return code
+    told = ffi.new("cr_servo_config *")
+    at = ffi.sizeof("cr_record_head")
+    ffi.buffer(told)[:] = data[at : at + ffi.sizeof("cr_servo_config")]
+    native = lib_of(told.world.response)
+    own = native.own("cr_record_head", head), native.own("cr_servo_config", config)
+    code = int(native.lib.cr_record_head_read(data, *own))
+    for to, found in zip((head, config), own, strict=True):
+        ffi.buffer(to)[:] = bytes(native.ffi.buffer(found))
+    return code
 
 
 def cut_warning(recording: Recording) -> list[str]:
@@ -134,15 +150,20 @@ class Servo:
         """config: a cffi `cr_servo_config *`; the assumed device when it is not given.   Errors: RecordingError."""
         self.scene = scene
         self.config = config or ffi.new("cr_servo_config *", lib.cr_servo_config_default())
-        wrong = lib.cr_servo_config_error(self.config)
-        if wrong != ffi.NULL:
+        self.native = lib_of(self.config.world.response)
+        """The extension that made it: its functions alone take `c`."""
+        own, mine = self.native.own, self.native.lib
+        own_scene = own("cr_scene", scene.handle)
+        own_config = own("cr_servo_config", self.config)
+        wrong = mine.cr_servo_config_error(own_config)
+        if wrong:
             raise RecordingError(f"configuration of the servo: {ffi.string(wrong).decode('ascii')}")
-        size = int(lib.cr_servo_size(scene.handle, self.config))
+        size = int(mine.cr_servo_size(own_scene, own_config))
         self._memory = np.zeros(size + _ALIGN, dtype=np.uint8)
         start = -self._memory.ctypes.data % _ALIGN
         memory = ffi.from_buffer("uint8_t[]", self._memory) + start
-        servo = ffi.new("cr_servo **")
-        code = int(lib.cr_servo_init(servo, memory, size, scene.handle, self.config))
+        servo = self.native.ffi.new("cr_servo **")
+        code = int(mine.cr_servo_init(servo, memory, size, own_scene, own_config))
         if code != lib.CR_OK:
             raise RecordingError(f"{scene.source}: {error_text(code)}")
         self.c: Any = servo[0]
@@ -160,14 +181,15 @@ def rerun(recording: Recording, scene: Scene) -> Rerun:
             f"(checksum {recording.scene_crc32:08x}, not {scene_crc32(scene):08x})"
         )
     servo = Servo(scene, recording.config)
-    result = ffi.new("cr_rerun *")
+    own = servo.native.ffi
+    result = own.new("cr_rerun *")
     out = np.zeros(len(recording), dtype=RECORD)
-    lib.cr_servo_rerun(
+    servo.native.lib.cr_servo_rerun(
         servo.c,
-        ffi.from_buffer("cr_record[]", recording.rows),
+        own.from_buffer("cr_record[]", recording.rows),
         len(recording),
         result,
-        ffi.from_buffer("cr_record[]", out, require_writable=True),
+        own.from_buffer("cr_record[]", out, require_writable=True),
     )
     if result.records == 0:
         raise RecordingError(

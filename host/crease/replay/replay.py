@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.errors import SceneError
-from crease.base.native import COVERAGES, RESPONSES, error_text, ffi, lib
+from crease.base.native import COVERAGES, RESPONSES, error_text, ffi, lib, lib_of
 from crease.base.records import record
 from crease.base.scene import Scene
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
@@ -90,15 +90,18 @@ class World:
     """A world of the firmware over a scene, in memory of its own. Not for two threads at once."""
 
     def __init__(self, scene: Scene, options: ReplayOptions | None = None) -> None:
-        """Errors: SceneError when the firmware refuses the settings."""
+        """Errors: SceneError when the firmware refuses the settings; CreaseError for a rival that is not installed."""
         self.scene = scene
         self.config = make_config(options or ReplayOptions())
-        self.size_bytes = int(lib.cr_world_size(scene.handle, self.config))
+        self.native = lib_of(self.config.response)
+        """The extension that made it: its functions alone take the `handle`."""
+        self.own_scene = self.native.own("cr_scene", scene.handle)
+        """The scene's `cr_scene *`, for functions of `native`."""
+        self._own_config = self.native.own("cr_config", self.config)
+        self.size_bytes = int(self.native.lib.cr_world_size(self.own_scene, self._own_config))
         if self.size_bytes == 0:
-            wrong = lib.cr_config_error(self.config)
-            text = (
-                error_text(lib.CR_ERR_CONFIG) if wrong == ffi.NULL else ffi.string(wrong).decode()
-            )
+            wrong = self.native.lib.cr_config_error(self._own_config)
+            text = ffi.string(wrong).decode() if wrong else error_text(lib.CR_ERR_CONFIG)
             raise SceneError(f"{scene.source}: a world setting is out of range: {text}")
         self._memory = np.zeros(self.size_bytes + _ALIGN, dtype=np.uint8)
         self._handle: Any = None
@@ -106,17 +109,16 @@ class World:
 
     @property
     def handle(self) -> Any:
-        """The cffi `cr_world *`, for functions of the library."""
+        """The cffi `cr_world *`, for functions of `native`."""
         return self._handle
 
     def reset(self) -> None:
         """Back to the state before the first tick.   Errors: SceneError."""
         start = -self._memory.ctypes.data % _ALIGN
         memory = ffi.from_buffer("uint8_t[]", self._memory) + start
-        world = ffi.new("cr_world **")
-        code = int(
-            lib.cr_world_init(world, memory, self.size_bytes, self.scene.handle, self.config)
-        )
+        world = self.native.ffi.new("cr_world **")
+        settings = (self.size_bytes, self.own_scene, self._own_config)
+        code = int(self.native.lib.cr_world_init(world, memory, *settings))
         if code != lib.CR_OK:
             raise SceneError(f"{self.scene.source}: {error_text(code)}; check the options")
         self._handle = world[0]
@@ -125,12 +127,13 @@ class World:
         """One tick.
 
         Shapes: pose (7,): x y z in m, unit quaternion w x y z.
-        Output: a cffi `cr_output *`, owned by the caller.
+        Output: a cffi `cr_output *` of `native`, owned by the caller.
         """
         x, y, z, w, i, j, k = np.asarray(pose, dtype=np.float64).tolist()
-        out = ffi.new("cr_output *")
-        world_from_tool = ffi.new("cr_pose *", {"pos_m": (x, y, z), "rot": (w, i, j, k)})
-        lib.cr_tick(self._handle, world_from_tool, period_s, out)
+        new = self.native.ffi.new
+        out = new("cr_output *")
+        world_from_tool = new("cr_pose *", {"pos_m": (x, y, z), "rot": (w, i, j, k)})
+        self.native.lib.cr_tick(self._handle, world_from_tool, period_s, out)
         return out
 
     def run(
@@ -138,12 +141,13 @@ class World:
     ) -> npt.NDArray[Any]:
         """Tick along a path from where the world is.   Output: structured array ROW (n,)."""
         out = np.zeros(len(path), dtype=ROW)
-        rows = ffi.from_buffer("cr_replay_row[]", out, require_writable=True)
-        poses = ffi.from_buffer("cr_path_row[]", path.rows)
+        rows = self.native.ffi.from_buffer("cr_replay_row[]", out, require_writable=True)
+        poses = self.native.ffi.from_buffer("cr_path_row[]", path.rows)
+        replay = self.native.lib.cr_replay_run
         for start in range(0, len(path), _CHUNK):
             count = min(_CHUNK, len(path) - start)
             before_s = path.t_s[start] - path.t_s[start - 1] if start else path.first_period_s
-            lib.cr_replay_run(self._handle, poses + start, count, float(before_s), rows + start)
+            replay(self._handle, poses + start, count, float(before_s), rows + start)
             progress((start + count) / len(path))
         return out
 

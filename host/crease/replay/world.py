@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from crease.base.arguments import check_number
 from crease.base.errors import SceneError, TrajectoryError
-from crease.base.native import COVERAGES, RESPONSES, ffi, lib
+from crease.base.native import COVERAGES, RESPONSES, Extension
 from crease.base.records import record
 from crease.base.scene import Scene
 from crease.base.table import check_suffix, check_target, write_table
@@ -208,7 +208,9 @@ class World:
         normal, never pulling. response: how contact becomes force, a key of `crease.RESPONSES`. coverage: `soft`, a
         sample counts by its part that is inside; `hard`, in or out, not with `way_out`. force_max: N, 1e-6 to 1e6,
         limit of |force|; None: 100.
-        Errors   SceneError for a setting out of range or an unknown name.   Cost  about 100 kB and a millisecond.
+        Errors   SceneError for a setting out of range or an unknown name; CreaseError for a response of other authors
+                 where they are not installed.
+        Cost     about 60 kB and a millisecond.
         Source   firmware/crease.h `cr_config`; firmware/rivals/README.md for responses of other authors.
         """
         for what, name, known in (
@@ -226,11 +228,12 @@ class World:
         self._engine = Engine(self.scene, options)
         self._handle = self._engine.handle
         self._pose = np.zeros(POSE_NUMBERS, np.float32)
+        ffi = self.native.ffi
         self._pose_c = ffi.cast("cr_pose *", ffi.from_buffer(self._pose))
         memory = np.zeros(1, OUTPUT)
         self._out_c = ffi.cast("cr_output *", ffi.from_buffer(memory))
         self._out = Output(memory)
-        self._tick = lib.cr_tick
+        self._tick = self.native.lib.cr_tick
 
     @property
     def size_bytes(self) -> int:
@@ -238,8 +241,13 @@ class World:
         return self._engine.size_bytes + OUTPUT.itemsize + _OBJECTS_BYTES
 
     @property
+    def native(self) -> Extension:
+        """The extension that answers: another one for responses of other authors."""
+        return self._engine.native
+
+    @property
     def handle(self) -> Any:
-        """The cffi `cr_world *`, for functions of the library. Another one after `reset`."""
+        """The cffi `cr_world *`, for functions of `native`. Another one after `reset`."""
         return self._handle
 
     def tick(self, pose: npt.ArrayLike, period_s: float = PERIOD_S) -> Output:
@@ -280,7 +288,7 @@ class World:
 
     def clear_fault(self) -> None:
         """Forget motion and faults: the next tick has no velocity."""
-        lib.cr_world_clear_fault(self._handle)
+        self.native.lib.cr_world_clear_fault(self._handle)
 
 
 def _path_of(poses: npt.ArrayLike, period_s: float) -> Trajectory:

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from crease.base.arguments import check_memory, check_whole
 from crease.base.errors import SceneError, TrajectoryError
-from crease.base.native import ffi, lib
 from crease.base.scene import Scene
 from crease.replay.replay import DEFAULT_RESPONSE, ROW
 from crease.replay.world import PERIOD_S, POSE_NUMBERS, World
@@ -54,7 +53,7 @@ class Worlds:
         threads: that tick; None: one for each core this process may use.
         Errors   SceneError for a setting out of range, a count or threads below 1, and more worlds than half of the
                  machine's memory holds.
-        Cost     100 kB of memory a world, more with a large tool; 0.1 s for a thousand.
+        Cost     60 kB of memory a world, more with a large tool; 0.1 s for a thousand.
         """
         count = check_whole("count", count, 1, SceneError)
         if threads is not None:
@@ -81,7 +80,8 @@ class Worlds:
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
         edges = np.linspace(0, count, self.threads + 1).astype(int).tolist()
         self._parts = list(pairwise(edges))
-        self._handles = ffi.new("cr_world *[]", count)
+        self._native = self._worlds[0].native
+        self._handles = self._native.ffi.new("cr_world *[]", count)
         self._fresh(range(count))
         self.rows: npt.NDArray[Any] = np.zeros(count, ROW)
         """Structured array (count,), `cr_replay_row` of host/native/replay.h: the last step, whole."""
@@ -107,14 +107,13 @@ class Worlds:
             raise TrajectoryError(
                 f"actions of shape {poses.shape}: give ({len(self)}, {POSE_NUMBERS}), one pose a world"
             )
+        ffi, each = self._native.ffi, self._native.lib.cr_replay_each
         given = ffi.from_buffer("double[]", poses)
         rows = ffi.from_buffer("cr_replay_row[]", self.rows, require_writable=True)
 
         def tick(part: tuple[int, int]) -> None:
             at, end = part
-            lib.cr_replay_each(
-                self._handles + at, given + POSE_NUMBERS * at, end - at, period_s, rows + at
-            )
+            each(self._handles + at, given + POSE_NUMBERS * at, end - at, period_s, rows + at)
 
         if self._pool is None:
             tick(self._parts[0])

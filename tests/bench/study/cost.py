@@ -18,7 +18,7 @@ from crease.base.scene import Scene
 from crease.replay.replay import ReplayOptions, World, run_path
 from crease.replay.trajectory import Trajectory
 
-from study.program import COUNTED, build, words_for
+from study.program import COUNTED, build_each, words_for
 
 CALLGRIND_TICKS = 200
 """Poses in contact, spread over the path, whose instructions are counted."""
@@ -62,8 +62,8 @@ def instructions(cases: list[tuple[Scene, Trajectory, ReplayOptions]]) -> list[f
     if shutil.which("valgrind") is None:
         return [math.nan] * len(cases)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
-        program = build(Path(folder) / "replay_path", COUNTED)
-        return list(pool.map(lambda case: _count(program, *case), cases))
+        programs = build_each(Path(folder), COUNTED, {options.response for _, _, options in cases})
+        return list(pool.map(lambda case: _count(programs[case[2].response], *case), cases))
 
 
 def _count(program: Path, scene: Scene, path: Trajectory, options: ReplayOptions) -> float:

@@ -16,7 +16,7 @@ from crease.replay.replay import ReplayOptions, run_path
 
 from study.against_exact import BenchSetup, Exact, exact_force_N
 from study.points import write_records
-from study.program import IN_DOUBLE, build, run_in_double
+from study.program import IN_DOUBLE, build_each, run_in_double
 from study.sweeps import SWEEPS
 
 PATHS = ("edge90_cube", "edge90_sphere", "part_spanner")
@@ -99,14 +99,14 @@ def run(setup: BenchSetup) -> Result:
     costs: list[Cost] = []
     curves: dict[str, F64] = {}
     with tempfile.TemporaryDirectory() as folder:
-        program = build(Path(folder) / "replay_double", IN_DOUBLE)
+        programs = build_each(Path(folder), IN_DOUBLE, RESPONSES)
         for name in PATHS:
             path, sweep = setup.path(name), sweeps[name]
             scene = setup.scene(sweep.static, sweep.tool, *sweep.base_mm)
             for response in RESPONSES:
                 options = ReplayOptions(response=response)
                 single = run_path(scene, path, options, setup.repeat)
-                double = run_in_double(program, scene, path, options, setup.repeat)
+                double = run_in_double(programs[response], scene, path, options, setup.repeat)
                 exact = setup.exact_of(name, options)
                 costs.append(compare(name, response, single, double, exact))
                 if response == RESPONSES[0]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,16 @@ from crease.bake.layout import RECORDS, pack, read_sections
 from crease.base.errors import CreaseError
 from crease.base.native import COVERAGES, RESPONSES
 from crease.base.scene import Scene
-from crease.replay.replay import ROW, ReplayOptions
+from crease.replay.replay import DEFAULT_RESPONSE, ROW, ReplayOptions
 from crease.replay.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[3]
-FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-DCR_RIVALS", "-ffp-contract=off", "-fno-math-errno")  # fmt: skip
+FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno")
 CORE = sorted((ROOT / "firmware/contact").glob("*.c"))
 """What a tick is made of: the servo round it keeps records of fixed size, which cannot be widened."""
+WITH_RIVALS = "-DCR_RIVALS"
+RIVALS = sorted((ROOT / "firmware/rivals").glob("*.c"))
+"""What a build for another response has besides, and the option that it needs."""
 
 COUNTED = ("-O2",)
 """No vectors beyond SSE2: what valgrind counts."""
@@ -53,14 +57,16 @@ def widen_image(scene: Scene) -> npt.NDArray[np.uint8]:
 
 
 def build(program: Path, flags: tuple[str, ...], main: str = "replay_path.c") -> Path:
-    """Compile a program of tests/bench with core and rivals.   Errors: CreaseError with the compiler's first line."""
+    """Compile a program of tests/bench with the core as it ships, or with WITH_RIVALS among the flags.
+
+    Errors: CreaseError with the compiler's first line.
+    """
     source = ROOT / "tests/bench" / main
     compiler = shutil.which("cc")
     if compiler is None:
         raise CreaseError("cc: not found; this benchmark builds C: run `make setup`")
     sources = [source, ROOT / "tests/check/blob.c", ROOT / "host/native/replay.c"]
-    sources += CORE
-    sources += sorted((ROOT / "firmware/rivals").glob("*.c"))
+    sources += [*CORE, *(RIVALS if WITH_RIVALS in flags else ())]
     folders = [f"-I{ROOT / name}" for name in ("firmware", "host/native", "tests/check")]
     words = [compiler, *FLAGS, *flags, *folders, *map(str, sources), "-lm", "-o", str(program)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -70,6 +76,18 @@ def build(program: Path, flags: tuple[str, ...], main: str = "replay_path.c") ->
         ]
         raise CreaseError(f"{source}: does not compile: {errors[0]}")
     return program
+
+
+def build_each(folder: Path, flags: tuple[str, ...], responses: Iterable[str]) -> dict[str, Path]:
+    """A program of the replay for each response: the one that ships, or the one with rivals.   Errors: CreaseError."""
+    kinds = {
+        response: () if response == DEFAULT_RESPONSE else (WITH_RIVALS,) for response in responses
+    }
+    built = {
+        extra: build(folder / f"replay{''.join(extra)}", (*flags, *extra))
+        for extra in sorted(set(kinds.values()))
+    }
+    return {response: built[extra] for response, extra in kinds.items()}
 
 
 def words_for(program: Path, folder: Path, image: npt.NDArray[np.uint8], rows: npt.NDArray[np.float64],
