@@ -69,11 +69,13 @@ static int areas_share(const cr_config *config) {
 /* How deep each area is along its normal: by what it pushes, and by what those on its side push along it. */
 static void find_depths(const cr_config *config, const cr_output *out, float *depth_m) {
     for (uint32_t i = 0; i < out->area_count; i++) {
-        depth_m[i] = 0.0f;
-        for (uint32_t j = 0; j < out->area_count; j++) {
-            const cr_area *a = &out->areas[j];
-            const float along = max_f(0.0f, v3_dot(out->areas[i].normal_world, a->normal_world));
-            depth_m[i] += i == j || areas_share(config) ? a->depth_m * along : 0.0f;
+        const cr_area *a = &out->areas[i];
+        depth_m[i] = a->depth_m;
+        for (uint32_t j = 0; j < i && areas_share(config); j++) {
+            const cr_area *b = &out->areas[j];
+            const float along = max_f(0.0f, v3_dot(a->normal_world, b->normal_world));
+            depth_m[i] += b->depth_m * along;
+            depth_m[j] += a->depth_m * along;
         }
     }
 }
@@ -144,38 +146,42 @@ static void forget_contact(cr_world *w) {
 
 /* How much of the contact in hand is felt at the feel with this stamp. */
 static float share_of_hand(const cr_world *w, uint32_t stamp) {
-    const uint32_t risen = stamp - w->taken + 1u;
-    return risen < w->rises ? (float)risen / (float)w->rises : 1.0f;
+    const uint32_t rises = w->taken - w->hand.stamp, risen = stamp - w->taken + 1u;
+    return risen < rises ? (float)risen / (float)rises : 1.0f;
+}
+
+static void put_behind(cr_behind *behind, const cr_held *held, float share) {
+    if (behind->count < CR_BEHIND_MAX) {
+        behind->held[behind->count] = *held;
+        behind->share[behind->count++] = share;
+    }
 }
 
 /* What was felt last falls from now on: the contact in hand, and what was falling behind it as far as there is room. */
 static void move_behind(cr_world *w) {
     const float share = share_of_hand(w, w->felt.stamp - 1u);
     const cr_behind before = w->behind;
-    cr_behind *to = &w->behind;
-    to->count = w->hand.count;
-    memcpy(to->held, w->hand.held, to->count * sizeof *to->held);
-    for (uint32_t i = 0; i < to->count; i++) {
-        to->share[i] = share;
+    w->behind.count = 0u;
+    for (uint32_t i = 0; i < w->hand.count; i++) {
+        put_behind(&w->behind, &w->hand.held[i], share);
     }
-    for (uint32_t i = 0; i < before.count && share < 1.0f && to->count < CR_AREAS_MAX; i++, to->count++) {
-        to->held[to->count] = before.held[i];
-        to->share[to->count] = before.share[i] * (1.0f - share);
+    for (uint32_t i = 0; i < before.count && share < 1.0f; i++) {
+        put_behind(&w->behind, &before.held[i], before.share[i] * (1.0f - share));
     }
 }
 
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
-    const uint32_t age = w->felt.stamp - answer->stamp;
-    if (age > 1u) {
+    if (w->felt.stamp - answer->stamp > 1u) {
         move_behind(w);
     } else {
         w->behind.count = 0u;
     }
-    w->rises = age;
     w->taken = w->felt.stamp;
     w->hand.stamp = answer->stamp;
     w->hand.count = answer->count;
-    memcpy(w->hand.held, answer->held, answer->count * sizeof *answer->held);
+    if (answer->count > 0u) {
+        memcpy(w->hand.held, answer->held, answer->count * sizeof *answer->held);
+    }
 }
 
 void cr_world_clear_fault(cr_world *world) {

@@ -50,7 +50,9 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
     w->found = w->answering = 0u;
     hand->stamp = w->searched_stamp;
     hand->memory = w->searched_memory;
-    keep(at, areas, hand);
+    if (hand->count > 0u) {
+        keep(at, areas, hand);
+    }
     stats->contacts = w->set.contacts;
     stats->clusters = w->set.hit_count;
 #ifdef CR_RIVALS

@@ -26,11 +26,14 @@ typedef struct {
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
 
+/* Half-spaces of earlier answers that are felt beside those of the newest: more are a feel longer than its budget. */
+#define CR_BEHIND_MAX 6u
+
 /* What was felt before the newest contact was taken up, each with the share of it that was felt then. */
 typedef struct {
     uint32_t count;
-    float share[CR_AREAS_MAX];
-    cr_held held[CR_AREAS_MAX];
+    float share[CR_BEHIND_MAX];
+    cr_held held[CR_BEHIND_MAX];
 } cr_behind;
 
 #define CR_WORDS_OF(type) ((uint32_t)(sizeof(type) / sizeof(uint32_t)))
@@ -44,9 +47,9 @@ struct cr_world {
     cr_felt felt;     /* the last */
     cr_pose previous; /* the last good one */
     uint32_t has_previous, faults;
-    cr_hand hand;          /* the newest contact, */
-    uint32_t taken, rises; /* taken up at the feel with this stamp: it rises over so many, */
-    cr_behind behind;      /* while this falls */
+    cr_hand hand;     /* the newest contact, */
+    uint32_t taken;   /* taken up at the feel with this stamp: it rises over as many as it is old then, */
+    cr_behind behind; /* while this falls */
 
     /* between them */
     _Atomic uint32_t poses, hands;

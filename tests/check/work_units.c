@@ -174,6 +174,7 @@ static void answer(const crt_rig *rig, float depth_m, uint32_t room, const char 
         work.relations.half_of[h] = h;
     }
     begin_part();
+    (void)cr_way_push(&work, UINT32_MAX);
     (void)cr_way_answer(&in, &work, areas, room, &stats);
     end_part(name, work.spent);
 }

@@ -159,6 +159,7 @@ static cr_vec3 reported(const crt_rig *rig, const cr_pose *pose, float leans) {
         v3_unit(v3_add(z->plane_normal, v3_scale(xform_unrotate(&at, v3(1.0f, 0.0f, 0.0f)), leans)), 0.0f);
     work.half[0].depth_m = 1e-3f;
     work.half[0].open = 1.0f;
+    assert_int_equal(cr_way_push(&work, UINT32_MAX), 1);
     assert_int_equal(cr_way_answer(&in, &work, &area, 1u, &stats), 1);
     return area.normal_world;
 }

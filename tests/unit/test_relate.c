@@ -261,28 +261,35 @@ static void faces_that_turn_little_are_told_apart(void **state) {
     assert_near(lean_of(join_first()), 0.0, 1e-3);
 }
 
+/* How many sweeps it takes. */
+static uint32_t resolve(const cr_vec3 *normal, const float *depth_m, uint32_t count, float *push_m) {
+    static cr_way_along along;
+    cr_way_resolve_begin(normal, depth_m, count, &along, push_m);
+    while (!cr_way_resolve_sweep(depth_m, &along, push_m)) {
+    }
+    return along.sweeps;
+}
+
 /* Two contacts of the same depth whose normals have the cosine c push 1 / (1 + c) of it each. A sweep leaves c^2 of the error: with 0.9 it takes 41 sweeps
  * to come within a ten-thousandth. */
 static void resolve_ends_near_its_fixed_point(void **state) {
     (void)state;
-    static cr_way_along along;
     const float c = 0.9f, depth_m[2] = {1e-3f, 1e-3f};
     const cr_vec3 normal[2] = {v3(0.0f, 0.0f, 1.0f), v3(sqrtf(1.0f - c * c), 0.0f, c)};
     float push_m[2];
-    cr_way_resolve(normal, depth_m, 2u, &along, push_m);
+    (void)resolve(normal, depth_m, 2u, push_m);
     for (int i = 0; i < 2; i++) {
         assert_near((double)push_m[i], 1e-3 / (1.0 + (double)c), 1e-7);
     }
 }
 
-/* And where it hardly converges it ends all the same: in at most 100 sweeps, each of which looks at every pair once. */
+/* And where it hardly converges it ends all the same: in at most 100 sweeps. */
 static void resolve_ends(void **state) {
     (void)state;
-    static cr_way_along along;
     const float c = 0.9999f, depth_m[2] = {1e-3f, 1e-3f};
     const cr_vec3 normal[2] = {v3(0.0f, 0.0f, 1.0f), v3(sqrtf(1.0f - c * c), 0.0f, c)};
     float push_m[2];
-    assert_true(cr_way_resolve(normal, depth_m, 2u, &along, push_m) <= 100u * 2u * 2u);
+    assert_true(resolve(normal, depth_m, 2u, push_m) <= 100u);
 }
 
 int main(void) {
