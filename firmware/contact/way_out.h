@@ -63,8 +63,8 @@ float cr_way_plane(const cr_scene *scene, const xform *world_from_tool, uint32_t
 cr_vec3 cr_way_heights(const cr_scene *scene, const xform *world_from_tool, const struct cr_img_cluster *cluster,
                        uint32_t facet, float *height_m);
 
-/* Purpose  unit gradients in the tool frame, zero where there is none. */
-void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
+/* Purpose  unit gradients in the tool frame, zero where there is none.   Output  of these lanes; the others hold anything. */
+void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, uint32_t lanes, cr_lanes3 *out);
 
 /* Purpose  the one of some planes that matters for a cluster, or all of them. */
 const cr_planes *cr_way_alone(const cr_scene *scene, const struct cr_img_cluster *cluster, const cr_planes *planes,
