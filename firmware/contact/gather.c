@@ -102,7 +102,7 @@ int cr_way_planes(const cr_field *f, const xform *pose, const cr_hit *hit, cr_pl
     const uint32_t kind = hit->planes;
     if (kind == 0u) {
         cr_lanes_to_world(pose, c->x, c->y, c->z, world);
-        cr_field_look_up(f, world, at);
+        cr_field_look_up_lanes(f, world, (uint32_t)(hit->covered | hit->near), at);
     } else if (planes->kind != kind) {
         cr_planes_turn(f->scene, pose, kind, planes);
     }

@@ -311,9 +311,12 @@ cr_vec3 cr_way_heights(const cr_scene *s, const xform *pose, const struct cr_img
     return n;
 }
 
-void cr_way_normals(const xform *pose, const cr_lookup *at, cr_lanes3 *g) {
+void cr_way_normals(const xform *pose, const cr_lookup *at, uint32_t lanes, cr_lanes3 *g) {
     const xform m = *pose;
     for (int i = 0; i < CR_LANES; i++) {
+        if (CR_SCALAR && !has_lane(lanes, i)) {
+            continue;
+        }
         const float x = at->gx[i], y = at->gy[i], z = at->gz[i], length2 = x * x + y * y + z * z;
         const float per = length2 > 1e-6f ? 1.0f / sqrtf(length2) : 0.0f;
         g->x[i] = (m.r0.x * x + m.r1.x * y + m.r2.x * z) * per;
@@ -370,7 +373,7 @@ static void fill_over_cells(const cr_field *f, const xform *pose, const struct c
 void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
                         const float *coverage, const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
     const uint32_t surface = cr_way_common(f, at, lanes);
-    cr_way_normals(pose, at, &out->normal);
+    cr_way_normals(pose, at, out->near | 1u, &out->normal); /* the first is what others are compared with */
     if (surface != CR_WAY_NONE) {
         fill_common(f, pose, c, lanes, surface, at, &out->normal, out);
         return;

@@ -180,7 +180,7 @@ static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, ui
                       const cr_lanes3 *world, cr_planes *cell) {
     cr_lanes3 *normal = &s->scratch->normal;
     const uint32_t surface = cr_way_common(s->in->field, look, lanes);
-    cr_way_normals(s->in->world_from_tool, look, normal);
+    cr_way_normals(s->in->world_from_tool, look, lanes, normal);
     if (surface != CR_WAY_NONE) {
         over_surface(s, c, lanes, surface, look, normal, whole);
         return;

@@ -20,7 +20,8 @@ static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_
 /* Purpose  zone of a key, or CR_WAY_NONE. */
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key);
 
-/* Purpose  planes that give the distance at and round a hit, turned into the tool frame.   Output  0 when there are none: at and world are looked up. */
+/* Purpose  planes that give the distance at and round a hit, turned into the tool frame.
+ * Output   0 when there are none: world is of all samples, and the covered and the near ones are looked up. */
 int cr_way_planes(const cr_field *field, const xform *world_from_tool, const cr_hit *hit, cr_planes *planes,
                   cr_lanes3 *world, cr_lookup *at);
 
@@ -62,8 +63,8 @@ float cr_way_plane(const cr_scene *scene, const xform *world_from_tool, uint32_t
 cr_vec3 cr_way_heights(const cr_scene *scene, const xform *world_from_tool, const struct cr_img_cluster *cluster,
                        uint32_t facet, float *height_m);
 
-/* Purpose  unit gradients in the tool frame, zero where there is none. */
-void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, cr_lanes3 *out);
+/* Purpose  unit gradients in the tool frame, zero where there is none.   Output  of these lanes; the others hold anything. */
+void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, uint32_t lanes, cr_lanes3 *out);
 
 /* Purpose  the one of some planes that matters for a cluster, or all of them. */
 const cr_planes *cr_way_alone(const cr_scene *scene, const struct cr_img_cluster *cluster, const cr_planes *planes,
