@@ -135,7 +135,7 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     out->faults = w->faults;
 }
 
-void cr_drop_hand(cr_world *w) { w->hand.count = w->behind.count = 0u; }
+void cr_drop_hand(cr_world *w) { w->hand.count = w->behind.count = w->in_hand = 0u; }
 
 /* Contact found for poses before this one is not this one's. */
 static void forget_contact(cr_world *w) {
@@ -182,6 +182,7 @@ void cr_take_hand(cr_world *w, const cr_hand *answer) {
     if (answer->count > 0u) {
         memcpy(w->hand.held, answer->held, answer->count * sizeof *answer->held);
     }
+    w->in_hand = w->hand.count + w->behind.count;
 }
 
 void cr_world_clear_fault(cr_world *world) {
@@ -193,9 +194,10 @@ void cr_world_clear_fault(cr_world *world) {
 #endif
 }
 
-/* A half-space that was found earlier as it is felt at this pose: the plane stays where it is, the point moves with the tool. Where that is out of its plane
- * there is no area in this tick; the next one may be in it again. */
-static void list(const xform *now, const cr_held *h, float felt, cr_output *out, float *share) {
+/* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of
+ * its plane there is no area in this tick; the next one may be in it again. */
+static void push_held(const cr_world *w, const xform *now, float period_s, const cr_held *h, float share,
+                      cr_output *out) {
     const cr_vec3 p = xform_point(now, h->point_tool_m);
     const float depth_m = h->offset_m - v3_dot(h->normal_world, p);
     if (depth_m <= 0.0f) {
@@ -205,32 +207,37 @@ static void list(const xform *now, const cr_held *h, float felt, cr_output *out,
         out->stats.areas_merged++;
         return;
     }
-    share[out->area_count] = felt;
     cr_area *a = &out->areas[out->area_count++];
     a->normal_world = h->normal_world;
     a->point_world_m = p;
-    a->depth_m = felt * depth_m; /* not a number too: a fault */
+    a->depth_m = share * depth_m; /* not a number too: a fault */
     a->offset_m = h->offset_m;
     a->area_m2 = h->area_m2;
     a->zone_count = 0u;
+    push(w, now, period_s, share, a);
 }
 
 /* The contact in hand, and what falls behind it. */
-static void list_hand(const cr_world *w, const xform *now, cr_output *out, float *share) {
-    const float felt = share_of_hand(w, w->felt.stamp);
+static void push_late(const cr_world *w, const xform *now, float period_s, cr_output *out) {
+    const float share = share_of_hand(w, w->felt.stamp);
     for (uint32_t i = 0; i < w->hand.count; i++) {
-        list(now, &w->hand.held[i], felt, out, share);
+        push_held(w, now, period_s, &w->hand.held[i], share, out);
     }
-    for (uint32_t i = 0; i < w->behind.count && felt < 1.0f; i++) {
-        list(now, &w->behind.held[i], w->behind.share[i] * (1.0f - felt), out, share);
+    for (uint32_t i = 0; i < w->behind.count && share < 1.0f; i++) {
+        push_held(w, now, period_s, &w->behind.held[i], w->behind.share[i] * (1.0f - share), out);
     }
 }
 
-static void push_all(cr_world *w, const xform *now, float period_s, const float *share, cr_output *out) {
-    float depth_m[CR_AREAS_MAX];
+/* The contact of this pose: out->areas hold it. */
+static void push_whole(const cr_world *w, const xform *now, float period_s, cr_output *out) {
+    out->area_count = w->hand.count;
     for (uint32_t i = 0; i < out->area_count; i++) {
-        push(w, now, period_s, share[i], &out->areas[i]);
+        push(w, now, period_s, 1.0f, &out->areas[i]);
     }
+}
+
+static void sum_areas(cr_world *w, const xform *now, cr_output *out) {
+    float depth_m[CR_AREAS_MAX];
     find_depths(&w->config, out, depth_m);
     sum_wrench(&w->config, now->t, depth_m, out);
     cr_vec3 pos_m = out->display_pose.pos_m;
@@ -257,23 +264,19 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 /* What the contact in hand does at this pose. */
 static void feel(cr_world *w, float period_s, cr_output *out) {
     const xform now = xform_from_pose(&w->felt.pose);
-    float share[CR_AREAS_MAX];
     if (out->stats.late_ticks > 0u) {
-        list_hand(w, &now, out, share);
+        push_late(w, &now, period_s, out);
     } else {
-        out->area_count = w->hand.count;
-        for (uint32_t i = 0; i < out->area_count; i++) {
-            share[i] = 1.0f;
-        }
+        push_whole(w, &now, period_s, out);
     }
     if (out->area_count > 0u) {
-        push_all(w, &now, period_s, share, out);
+        sum_areas(w, &now, out);
     }
 }
 
 void cr_render(cr_world *w, float period_s, cr_output *out) {
     out->stats.late_ticks = w->felt.stamp - w->hand.stamp;
-    if (w->hand.count + w->behind.count > 0u) {
+    if (w->in_hand > 0u) {
         feel(w, period_s, out);
     }
     w->previous = w->felt.pose;

@@ -42,19 +42,17 @@ static void keep(const xform *at, const cr_area *areas, cr_hand *hand) {
 
 /* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered. */
 static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *hand, cr_area *areas, cr_stats *stats) {
-    if (w->set.hit_count == 0u) {
-        hand->count = 0u;
-    } else if (!respond(w, at, slice, hand, areas, stats)) {
-        return 0;
-    }
-    w->found = w->answering = 0u;
-    hand->stamp = w->searched_stamp;
-    hand->memory = w->searched_memory;
-    if (hand->count > 0u) {
+    hand->count = 0u;
+    if (w->set.hit_count > 0u) {
+        if (!respond(w, at, slice, hand, areas, stats)) {
+            return 0;
+        }
         keep(at, areas, hand);
+        stats->contacts = w->set.contacts;
+        stats->clusters = w->set.hit_count;
+        w->answering = 0u;
     }
-    stats->contacts = w->set.contacts;
-    stats->clusters = w->set.hit_count;
+    w->found = 0u;
 #ifdef CR_RIVALS
     w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
 #endif

@@ -4,11 +4,21 @@
 /* More than any answer takes. */
 #define ANSWER_WORK 0x40000000u
 
+/* What was made at the pose that was searched at. In free space it must cost nothing. */
+static void take_made(cr_world *w) {
+    if (w->made.count + w->in_hand > 0u) {
+        w->made.stamp = w->searched_stamp;
+        cr_take_hand(w, &w->made);
+    } else {
+        w->hand.stamp = w->searched_stamp;
+    }
+}
+
 void cr_tick(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     const cr_slice slice = {.work = w->config.lookups_max, .slices_max = CR_SEARCH_TICKS_MAX};
     if (cr_accept(w, world_from_tool, period_s, out)) {
         if (cr_search_slice(w, &w->felt, &slice, &w->made, out->areas, &out->stats)) {
-            cr_take_hand(w, &w->made);
+            take_made(w);
         }
         cr_render(w, period_s, out);
     }
@@ -25,6 +35,8 @@ uint32_t cr_search(cr_world *w, uint32_t work) {
         return 0u;
     }
     if (cr_search_slice(w, &w->wanted, &slice, &w->made, w->way.areas, &stats)) {
+        w->made.stamp = w->searched_stamp;
+        w->made.memory = w->searched_memory;
         cr_mailbox_put(&w->hands, w->hand_words, &w->made, CR_WORDS_OF(cr_hand));
     }
     return stats.work > 0u ? stats.work : 1u;

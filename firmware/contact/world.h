@@ -49,7 +49,8 @@ struct cr_world {
     uint32_t has_previous, faults;
     cr_hand hand;     /* the newest contact, */
     uint32_t taken;   /* taken up at the feel with this stamp: it rises over as many as it is old then, */
-    cr_behind behind; /* while this falls */
+    cr_behind behind; /* while this falls; */
+    uint32_t in_hand; /* half-spaces of both */
 
     /* between them */
     _Atomic uint32_t poses, hands;
@@ -82,7 +83,7 @@ typedef struct {
 void cr_drop_search(cr_world *w);
 
 /* Purpose  one slice of the search for contact at a pose, which is taken up when no search is open.
- * Output   1: it ended; hand holds the contact, out of it areas[0..hand->count) with their zones, no force yet. 0: call again.
+ * Output   1: it ended; hand holds the contact but for its stamp and memory, out of it areas[0..hand->count) with their zones, no force yet. 0: call again.
  * Shapes   areas[CR_AREAS_MAX].   Cost  stats->work, at most one step more than slice.work. */
 int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, cr_hand *hand, cr_area *areas,
                     cr_stats *stats);

@@ -10,7 +10,7 @@
 /* After SYNC: the tick starts then at the latest. The three states take up to 675 us, with what may be in their way (`crease bus
  * --schedule`). */
 #define DEADLINE_NS 700000u
-/* A servo and a world with 419 groups of the shell (host/crease/replay/devices.toml); set-up fails when a scene needs more. */
+/* A servo and a world with 421 groups of the shell (host/crease/replay/devices.toml); set-up fails when a scene needs more. */
 #define MEMORY_BYTES (80u * 1024u)
 
 /* Work of one step of the search. */
