@@ -3,6 +3,7 @@
 static void step(void);
 #define CR_MAILBOX_STEP() step()
 #include "contact/mailbox.h"
+#include "contact/world.h"
 #include "image_builder.h"
 #include "rise.h"
 
@@ -263,6 +264,33 @@ static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
     assert_float_equal(feel(&wall, &pose).force_world_N.z, STIFFNESS_N_M * 1e-3f, ROUNDING_N);
 }
 
+/* As many half-spaces in hand as there is room for, and more that fall behind them: these are not felt, and counted. */
+static void areas_beyond_room_are_counted(void **state) {
+    (void)state;
+    restart(&wall);
+    cr_world *w = wall.world;
+    const cr_pose pose = pressed(1e-3);
+    const cr_held flat = {.normal_world = {0.0f, 0.0f, 1.0f}, .offset_m = (float)HALF_M};
+    (void)feel(&wall, &pose);
+    w->hand.count = CR_AREAS_MAX;
+    w->behind.count = 2u;
+    w->in_hand = CR_AREAS_MAX + 2u;
+    for (uint32_t i = 0; i < CR_AREAS_MAX; i++) {
+        w->hand.held[i] = flat;
+    }
+    for (uint32_t i = 0; i < 2u; i++) {
+        w->behind.held[i] = flat;
+        w->behind.share[i] = 1.0f;
+    }
+    w->taken = w->felt.stamp;
+    w->hand.stamp = w->felt.stamp - 10u; /* two tenths of it have risen at the next feel */
+    const cr_output out = feel(&wall, &pose);
+    assert_int_equal(out.area_count, CR_AREAS_MAX);
+    assert_int_equal(out.stats.areas_merged, 2u);
+    assert_float_equal(out.areas[0].depth_m, 0.2f * 1e-3f, ROUNDING_N / STIFFNESS_N_M);
+    assert_float_equal(out.force_world_N.z, 0.2f * (float)CR_AREAS_MAX * STIFFNESS_N_M * 1e-3f, 0.1f);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(mailbox_letters_are_whole_and_newest_whoever_goes_first),
@@ -270,6 +298,7 @@ int main(void) {
         cmocka_unit_test(feel_at_rest_is_the_tick_whatever_the_slice),
         cmocka_unit_test(feel_of_a_wall_is_that_of_the_pose_at_any_rate),
         cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
+        cmocka_unit_test(areas_beyond_room_are_counted),
     };
     return cmocka_run_group_tests(tests, open_rigs, close_rigs);
 }
