@@ -100,8 +100,9 @@ typedef struct {
     float overrun_s;      /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
     float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
     /* 0: a tick searches for contact itself, as cr_tick. Else cr_servo_search does, beside the ticks, and contact so many felt
-     * poses old may be felt; older is not, and is a fault while rendering. Up to CR_LATE_MAX. A period without a drive's state
-     * feels no pose and does not count: with bus.missing_max in a row between any two, it is 1 + missing_max times as many periods. */
+     * poses old may be felt; older is not, and is a fault while rendering. What falls as it rises may be twice as old. Up to
+     * CR_LATE_MAX. A period without a drive's state feels no pose and does not count: with bus.missing_max in a row between any
+     * two, it is 1 + missing_max times as many periods. */
     uint32_t late_max_ticks;
 } cr_servo_config;
 #define CR_LATE_MAX 255u

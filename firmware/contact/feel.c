@@ -151,16 +151,16 @@ static float share_of_hand(const cr_world *w, uint32_t stamp) {
 }
 
 static void put_behind(cr_behind *behind, const cr_held *held, float share) {
-    if (behind->count < CR_BEHIND_MAX) {
-        behind->held[behind->count] = *held;
-        behind->share[behind->count++] = share;
-    }
+    behind->held[behind->count] = *held;
+    behind->share[behind->count++] = share;
 }
 
-/* What was felt last falls from now on: the contact in hand, and what was falling behind it as far as there is room. */
+/* What was felt last falls from now on: the contact in hand, and what was falling behind it. Where there is no room for both, the contact in hand falls as if
+ * all of it had been felt: the shares are one in sum, and a tool at rest feels no dip. */
 static void move_behind(cr_world *w) {
-    const float share = share_of_hand(w, w->felt.stamp - 1u);
     const cr_behind before = w->behind;
+    const int both = w->hand.count + before.count <= CR_BEHIND_MAX;
+    const float share = both ? share_of_hand(w, w->felt.stamp - 1u) : 1.0f;
     w->behind.count = 0u;
     for (uint32_t i = 0; i < w->hand.count; i++) {
         put_behind(&w->behind, &w->hand.held[i], share);
@@ -171,12 +171,13 @@ static void move_behind(cr_world *w) {
 }
 
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
-    if (w->felt.stamp - answer->stamp > 1u) {
+    const int rises = w->felt.stamp - answer->stamp > 1u && w->hand.count <= CR_BEHIND_MAX;
+    if (rises) {
         move_behind(w);
     } else {
         w->behind.count = 0u;
     }
-    w->taken = w->felt.stamp;
+    w->taken = rises ? w->felt.stamp : answer->stamp;
     w->hand.stamp = answer->stamp;
     w->hand.count = answer->count;
     if (answer->count > 0u) {

@@ -249,7 +249,8 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
     const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
     uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
     CR_ASSERT(hit < s->in->set->hit_count);
-    if ((*measured & bit) == 0u && may_be_deeper(s, &s->zones->reach[hit]) &&
+    /* what has been begun is ended: the answer is the same however it is cut */
+    if ((*measured & bit) == 0u && (s->work->done > 0u || may_be_deeper(s, &s->zones->reach[hit])) &&
         !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
         return 0;
     }

@@ -1,4 +1,4 @@
-/* settings: of of a world, and what they may hold. */
+/* settings: of a world, and what they may hold. */
 #include "contact/stages.h"
 
 #include <stddef.h>

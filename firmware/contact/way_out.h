@@ -183,7 +183,7 @@ typedef struct {
     uint32_t next;  /* the step that comes next: zones join, then hits are measured */
     uint32_t spent; /* work of this tick */
     uint32_t done, begun,
-        seen; /* half-spaces that the hit in hand has counted for: in all, before this tick, met in it */
+        seen; /* half-spaces that the hit in hand has counted for: in all, before this tick, met up to now */
     uint32_t surfaces, surfaces_done,
         done_there;                     /* surfaces met in this tick; those that are done, and half-spaces with them */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
@@ -244,7 +244,7 @@ void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, ui
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
 
 /* Purpose  half-spaces and the depth of each: how far the deepest point of its tool surface has to go along the normal to the first exit.
- * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the hit that takes it to lookups_max. */
+ * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the step that takes it to lookups_max. */
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
 
 /* Purpose  how much each half-space pushes, once all is measured.   Output  1 when it is known; with 0 call again.   Cost  as cr_way_measure; ends with a sweep. */

@@ -26,7 +26,8 @@ typedef struct {
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
 
-/* Half-spaces of earlier answers that are felt beside those of the newest: more are a feel longer than its budget. */
+/* Half-spaces of earlier answers that are felt beside those of the newest: with more a feel exceeds its budget. An answer that follows one of more does not
+ * rise. */
 #define CR_BEHIND_MAX 6u
 
 /* What was felt before the newest contact was taken up, each with the share of it that was felt then. */

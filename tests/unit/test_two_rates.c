@@ -264,6 +264,32 @@ static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
     assert_float_equal(feel(&wall, &pose).force_world_N.z, STIFFNESS_N_M * 1e-3f, ROUNDING_N);
 }
 
+/* A tool at rest, and answers that all say the same, each before the last has risen: whatever falls behind it, the force stays. */
+static void answers_that_say_the_same_change_nothing(void **state) {
+    (void)state;
+    const cr_pose pose = pressed(1e-3);
+    for (uint32_t count = 1u; count <= CR_BEHIND_MAX + 2u; count++) {
+        cr_hand answer = {.count = count};
+        restart(&wall);
+        cr_world *w = wall.world;
+        for (uint32_t i = 0; i < count; i++) {
+            answer.held[i] = (cr_held){.normal_world = {0.0f, 0.0f, 1.0f}, .offset_m = (float)HALF_M};
+        }
+        const float all_N = (float)count * STIFFNESS_N_M * 1e-3f;
+        uint32_t next = 12u;
+        for (uint32_t k = 1u; k < 200u; k++) {
+            if (k == next) {
+                answer.stamp = w->felt.stamp + 1u - (k == 12u ? 1u : 2u + k % 9u); /* the first is felt at once */
+                answer.memory = w->felt.memory;
+                cr_mailbox_put(&w->hands, w->hand_words, &answer, CR_WORDS_OF(cr_hand));
+                next += 1u + k % 4u;
+            }
+            const cr_output out = feel(&wall, &pose);
+            assert_float_equal(out.force_world_N.z, k < 12u ? 0.0f : all_N, ROUNDING_N);
+        }
+    }
+}
+
 /* As many half-spaces in hand as there is room for, and more that fall behind them: these are not felt, and counted. */
 static void areas_beyond_room_are_counted(void **state) {
     (void)state;
@@ -298,6 +324,7 @@ int main(void) {
         cmocka_unit_test(feel_at_rest_is_the_tick_whatever_the_slice),
         cmocka_unit_test(feel_of_a_wall_is_that_of_the_pose_at_any_rate),
         cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
+        cmocka_unit_test(answers_that_say_the_same_change_nothing),
         cmocka_unit_test(areas_beyond_room_are_counted),
     };
     return cmocka_run_group_tests(tests, open_rigs, close_rigs);

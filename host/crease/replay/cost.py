@@ -144,8 +144,8 @@ def within_ticks(scene: Scene, path: Trajectory, work: int, clock_Hz: float) -> 
     world = World(scene, ReplayOptions(lookups_max=work))
     did, late = np.zeros(len(path), dtype=np.int64), np.zeros(len(path), dtype=np.int64)
     for i, (row, period_s) in enumerate(zip(path.rows, _periods_s(path), strict=True)):
-        stats = world.tick(row[1:], period_s).stats
-        did[i], late[i] = stats.work, stats.late_ticks
+        out = world.tick(row[1:], period_s)
+        did[i], late[i] = out.stats.work, out.stats.late_ticks
     cost = instructions_of(did)
     p50, p99 = (int(np.quantile(cost, q, method="higher")) for q in (0.5, 0.99))
     most = int(cost.max())

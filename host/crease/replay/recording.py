@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.errors import RecordingError
+from crease.base.errors import CreaseError, RecordingError
 from crease.base.native import error_text, ffi, lib, lib_of
 from crease.base.records import record
 from crease.base.scene import Scene
@@ -108,7 +108,10 @@ def _read_head(data: bytes, head: Any, config: Any) -> int:
     told = ffi.new("cr_servo_config *")
     at = ffi.sizeof("cr_record_head")
     ffi.buffer(told)[:] = data[at : at + ffi.sizeof("cr_servo_config")]
-    native = lib_of(told.world.response)
+    try:
+        native = lib_of(told.world.response)
+    except CreaseError:
+        return code
     own = native.own("cr_record_head", head), native.own("cr_servo_config", config)
     code = int(native.lib.cr_record_head_read(data, *own))
     for to, found in zip((head, config), own, strict=True):
