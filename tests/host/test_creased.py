@@ -294,10 +294,19 @@ def test_full_disk_is_said_at_once_and_the_record_ends_with_a_whole_tick(
     assert lines[-1] == "error: the record ends here: File too large; the loop goes on\n"
 
 
+CALM = (
+    DEVICE.replace("period_us = 8000", "period_us = 40000")
+    .replace("overrun_us = 16000", "overrun_us = 80000")
+    .replace("deadline_us = 7000", "deadline_us = 35000")
+)
+"""Periods that no busy machine overruns, for what is not of time."""
+CALM_NS = 40_000_000
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGPIPE, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU])
 def test_terminal_that_goes_away_ends_nothing(tmp_path: Path, scene_crs: Path, number: int) -> None:
-    with running(tmp_path, scene_crs) as run:
+    with running(tmp_path, scene_crs, device=CALM) as run:
         run.wait_for_torque()
         if number == signal.SIGPIPE:
             assert run.process.stdout is not None
@@ -307,13 +316,13 @@ def test_terminal_that_goes_away_ends_nothing(tmp_path: Path, scene_crs: Path, n
             time.sleep(0.2)
             run.command("start")
         at_ns = run.signal(number)
-        time.sleep(0.5)
+        time.sleep(2.0)
         run.signal(signal.SIGTERM)
         status, _ = end_of(run)
     assert status == 0
     after = rows_of(run.record.read_bytes())
-    after = after[(after["sync_ns"] > at_ns + 10 * PERIOD_NS) & (after["mode"] != lib.CR_MODE_IDLE)]
-    assert len(after) > 50
+    after = after[(after["sync_ns"] > at_ns + 10 * CALM_NS) & (after["mode"] != lib.CR_MODE_IDLE)]
+    assert len(after) > 25
     assert (after["target"] != 0).any()
 
 
