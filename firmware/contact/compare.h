@@ -50,7 +50,7 @@ typedef struct {
 /* Where a proxy rests while the tool is inside: state of the proxy responses (rivals/README.md). */
 typedef struct {
     cr_vec3 pos_m;
-    cr_vec3 device_m; /* the tool's place at the last tick */
+    cr_vec3 device_m; /* the tool's place at the search before */
     uint32_t held;    /* 1: pos_m is the proxy's; 0: it starts from device_m */
 } cr_proxy;
 

@@ -190,9 +190,6 @@ void cr_world_clear_fault(cr_world *world) {
     world->faults = 0u;
     world->has_previous = 0u;
     forget_contact(world);
-#ifdef CR_RIVALS
-    world->proxy.held = 0u;
-#endif
 }
 
 /* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of

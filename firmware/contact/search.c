@@ -10,7 +10,6 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
     cr_respond_input in = {.field = &w->field, .world_from_tool = at, .set = &w->set, .config = &w->config};
 #ifdef CR_RIVALS
     if (w->config.response != CR_RESPONSE_WAY_OUT) {
-        w->proxy.device_m = w->has_previous ? w->previous.pos_m : at->t;
         in.proxy = &w->proxy;
         hand->count = cr_respond_as_rival(&in, w->hit_of_cluster, &w->areas, areas, CR_AREAS_MAX, stats);
         return 1;
@@ -65,10 +64,16 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
     if (newest->memory != w->searched_memory) {
         cr_drop_search(w);
         w->motion.valid = 0u;
+#ifdef CR_RIVALS
+        w->proxy.held = 0u;
+#endif
     }
     if (!w->search.open && !w->found) {
         w->searched_stamp = newest->stamp;
         w->searched_memory = newest->memory;
+#ifdef CR_RIVALS
+        w->proxy.device_m = w->motion.valid ? w->motion.last.pos_m : newest->pose.pos_m;
+#endif
         cr_motion_advance(&w->motion, &newest->pose);
     }
     const xform at = xform_from_pose(&w->motion.last);
