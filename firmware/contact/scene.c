@@ -39,11 +39,9 @@ uint32_t cr_image_crc(const uint8_t *image, uint32_t size_bytes) {
     return crc ^ 0xffffffffu;
 }
 
-static int is_in(float value, float low, float high) { return value >= low && value <= high; }
-
 static int all_in(const float *values, size_t count, float low, float high) {
     for (size_t i = 0; i < count; i++) {
-        if (!is_in(values[i], low, high)) {
+        if (!cr_in_range(values[i], low, high)) {
             return 0;
         }
     }
@@ -54,7 +52,7 @@ static int floats_are_finite(const float *values, size_t count) { return all_in(
 
 static int is_unit(const float normal[3]) {
     const cr_vec3 n = v3_from(normal);
-    return is_in(v3_dot(n, n), 1.0f - 1e-5f, 1.0f + 1e-5f);
+    return cr_in_range(v3_dot(n, n), 1.0f - 1e-5f, 1.0f + 1e-5f);
 }
 
 static int is_box(const float low_m[3], const float high_m[3]) {
@@ -112,10 +110,10 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
 /* Numbers that fit each other: an image whose lengths are of different units is none. */
 static int lengths_agree(const struct cr_img_meta *m) {
     const float brick = 8.0f * m->voxel_m, band = 32767.0f * m->quantum_m; /* no sample is beyond the band */
-    return is_in(m->brick_m, brick / LOOSE, brick * LOOSE) && is_in(m->band_m, band / LOOSE, band * LOOSE) &&
-           m->crease_m <= m->band_m && m->error_out_m <= m->band_m && m->error_in_m <= m->band_m &&
-           m->error_max_m <= m->band_m && m->error_rms_m <= m->band_m &&
-           is_in(m->ramp_max_m, RAMP_MIN * m->spacing_m, RAMP_MAX * m->spacing_m);
+    return cr_in_range(m->brick_m, brick / LOOSE, brick * LOOSE) &&
+           cr_in_range(m->band_m, band / LOOSE, band * LOOSE) && m->crease_m <= m->band_m &&
+           m->error_out_m <= m->band_m && m->error_in_m <= m->band_m && m->error_max_m <= m->band_m &&
+           m->error_rms_m <= m->band_m && cr_in_range(m->ramp_max_m, RAMP_MIN * m->spacing_m, RAMP_MAX * m->spacing_m);
 }
 
 static cr_err check_meta(const struct cr_img_meta *m) {
@@ -265,7 +263,7 @@ static cr_err check_pair(const cr_scene *s, uint32_t index) {
 
 static cr_err check_edge(const cr_scene *s, uint32_t index) {
     const struct cr_img_edge *e = &s->edges[index];
-    if (!floats_are_finite(e->a_m, 3) || !floats_are_finite(e->b_m, 3) || !is_in(e->angle_rad, 0.0f, PI_UP) ||
+    if (!floats_are_finite(e->a_m, 3) || !floats_are_finite(e->b_m, 3) || !cr_in_range(e->angle_rad, 0.0f, PI_UP) ||
         (e->label != CR_PAIR_CONVEX && e->label != CR_PAIR_CONCAVE)) {
         return CR_ERR_VALUE;
     }
@@ -349,12 +347,14 @@ static int lane_is_sound(const struct cr_img_meta *m, const struct cr_img_cluste
     const cr_vec3 a = v3(c->ax[i], c->ay[i], c->az[i]);
     const int used = i < c->count;
     const uint32_t others = used ? first_lanes(c->count) & ~(1u << i) : 0u;
-    return is_in(ramp, RAMP_MIN * m->spacing_m, LOOSE * m->ramp_max_m + LOOSE_M) && is_in(c->wxx[i], 0.0f, most) &&
-           is_in(c->wyy[i], 0.0f, most) && is_in(c->wzz[i], 0.0f, most) && is_in(c->wxy[i], -most, most) &&
-           is_in(c->wyz[i], -most, most) && is_in(c->wzx[i], -most, most) && is_in(area, 0.0f, VALUE_MAX) &&
-           is_in(v3_norm(a), area / LOOSE - LOOSE_M2, area * LOOSE + LOOSE_M2) && is_in(c->bow[i], 0.0f, VALUE_MAX) &&
-           is_in(c->reach[i], 0.0f, used ? LOOSE * ramp : 0.0f) && (used || area <= 0.0f) &&
-           (c->beside[i] & ~others) == 0u;
+    return cr_in_range(ramp, RAMP_MIN * m->spacing_m, LOOSE * m->ramp_max_m + LOOSE_M) &&
+           cr_in_range(c->wxx[i], 0.0f, most) && cr_in_range(c->wyy[i], 0.0f, most) &&
+           cr_in_range(c->wzz[i], 0.0f, most) && cr_in_range(c->wxy[i], -most, most) &&
+           cr_in_range(c->wyz[i], -most, most) && cr_in_range(c->wzx[i], -most, most) &&
+           cr_in_range(area, 0.0f, VALUE_MAX) &&
+           cr_in_range(v3_norm(a), area / LOOSE - LOOSE_M2, area * LOOSE + LOOSE_M2) &&
+           cr_in_range(c->bow[i], 0.0f, VALUE_MAX) && cr_in_range(c->reach[i], 0.0f, used ? LOOSE * ramp : 0.0f) &&
+           (used || area <= 0.0f) && (c->beside[i] & ~others) == 0u;
 }
 
 /* Pieces that there are, no piece twice, every lane in one. */
@@ -375,7 +375,7 @@ static int cluster_is_sound(const cr_scene *s, uint32_t index) {
     const cr_vec3 n = v3_from(c->normal);
     if (c->count < 1u || c->count > CR_LANES || !floats_are_finite(c->x, (size_t)6u * CR_LANES) ||
         ((c->vertex_mask | c->crease_mask) & ~first_lanes(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
-        !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !is_in(c->radius_m, 0.0f, VALUE_MAX) ||
+        !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !cr_in_range(c->radius_m, 0.0f, VALUE_MAX) ||
         !pieces_are_sound(s->meta, c)) {
         return 0;
     }
