@@ -29,6 +29,7 @@ from crease.base.scene import Scene, open_scene
 from crease.replay.trajectory import load_trajectory
 from jobs import ROOT, path_job, path_rows
 from runs import CheckError, build_counter, run_device
+from scipy.spatial.transform import Rotation
 
 F64 = npt.NDArray[np.float64]
 
@@ -147,11 +148,10 @@ def start_poses(scene: Scene, path: F64, rng: np.random.Generator) -> list[F64]:
 
 def moved(pose: F64, size_m: float, radius_m: float, rng: np.random.Generator) -> F64:
     """A pose beside one, no point of the tool farther than about size_m."""
-    turn = np.r_[1.0, 0.5 * size_m / radius_m * rng.normal(size=3)]
-    a, b = pose[3:], turn
-    q = np.r_[a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
+    turn = Rotation.from_rotvec(size_m / radius_m * rng.normal(size=3))
+    turned = Rotation.from_quat(pose[3:], scalar_first=True) * turn
     shift = size_m * rng.normal(size=3) * (rng.random(3) < 0.6)
-    return np.asarray(np.r_[pose[:3] + shift, q / np.linalg.norm(q)])
+    return np.asarray(np.r_[pose[:3] + shift, turned.as_quat(scalar_first=True)])
 
 
 def climb(

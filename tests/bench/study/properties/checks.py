@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 from crease.base.attitude import to_matrix
+from scipy.spatial.transform import Rotation
 
 from study.properties.answers import Answer, Ask, refined
 from study.properties.geometry import (
@@ -363,11 +364,9 @@ def _torque_error(pair: Pair, pose: F64, direction: F64, lever: F64) -> float:
 
 def _turned(pose: F64, axis: int, angle_rad: float) -> F64:
     """The pose turned about its origin by a small angle round a world axis."""
-    v = np.zeros(3)
-    v[axis] = np.sin(0.5 * angle_rad)
-    c, (w, u) = np.cos(0.5 * angle_rad), (pose[3], pose[4:])
-    turned = np.concatenate([[c * w - v @ u], c * u + w * v + np.cross(v, u)])
-    return np.concatenate([pose[:3], turned])
+    by = Rotation.from_rotvec(angle_rad * np.eye(3)[axis])
+    turned = by * Rotation.from_quat(pose[3:], scalar_first=True)
+    return np.concatenate([pose[:3], turned.as_quat(scalar_first=True)])
 
 
 def amplification(case: Case) -> list[Finding]:
