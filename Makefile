@@ -6,6 +6,9 @@ MAKEFLAGS += --no-builtin-rules
 .DELETE_ON_ERROR:
 .SECONDARY:
 
+# make again, for work whose order does not matter and that no clock is held to.
+TWO_AT_A_TIME = $(MAKE) --no-print-directory --jobs=2 --keep-going --output-sync=target
+
 # A Python of 3.11 or newer that can make a virtual environment.
 PYTHON ?= $(firstword $(shell for p in python3 /usr/bin/python3; do \
     "$$p" -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo "$$p"; done) python3)
@@ -255,19 +258,28 @@ include firmware/package/install.mk
 
 creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/creased
 
-check: build/.develop build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc build/scenes/.stamp ## quick tests, under two minutes
-	$(PY) tests/run.py --quick --c-tests build/gcc/tests $(if $(QUICK),tests/check)
+# What the tests run, with the programs of the variants $(1).
+TESTED = build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives $(1:%=c-tests-%)
 
-test: build/.develop build/.browser build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives c-tests-gcc c-tests-san build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+check: build/.develop build/scenes/.stamp $(if $(QUICK),build/gcc/tests/test_late) ## quick tests, under two minutes
+	$(if $(QUICK),,@$(TWO_AT_A_TIME) $(call TESTED,gcc))
+	$(PY) tests/run.py --quick --c-tests build/gcc/tests $(if $(QUICK),--programs test_late -- tests/check/test_asserts.py)
+
+test: build/.develop build/.browser build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+	@$(TWO_AT_A_TIME) $(call TESTED,gcc san)
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
-sanitize: c-tests-san ## C tests under address and undefined-behaviour sanitizers
-	$(PY) tests/run.py --c-tests build/san/tests --only-c $(if $(QUICK),--quick)
+# `make test` runs all of it: one program shows that the target works.
+sanitize: $(if $(QUICK),build/san/tests/test_late,c-tests-san) ## C tests under address and undefined-behaviour sanitizers
+	$(PY) tests/run.py --c-tests build/san/tests --only-c $(if $(QUICK),--programs test_late)
 
 # Seconds of the clock, shared by all targets of tests/fuzz/run.py.
 FUZZ_SECONDS ?= $(if $(QUICK),20,60)
 
-fuzz: build/.develop $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) build/fuzz/fuzz_scene_scalar ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+FUZZERS := $(patsubst tests/fuzz/%.c,build/fuzz/%,$(FUZZ_C)) build/fuzz/fuzz_scene_scalar
+
+fuzz: build/.develop ## fuzz every input under sanitizers, 60 s or FUZZ_SECONDS=
+	@$(TWO_AT_A_TIME) $(FUZZERS)
 	$(PY) tests/fuzz/run.py --build build/fuzz --seconds $(FUZZ_SECONDS) $(if $(FUZZ_KEEP),--keep tests/fuzz/hours.csv)
 
 build/fuzz/fuzz_%: build/fuzz/tests/fuzz/fuzz_%.o build/fuzz/libhelpers.a build/fuzz/libcrease.a build/fuzz/libsim.a
@@ -421,17 +433,20 @@ QUICK_TARGETS = $(filter-out $(CI_TARGETS),$(HELPED))
 # What git would commit must be the same after them as before.
 TREE = $$({ git status --porcelain && git diff HEAD; } | sha256sum)
 
+# Of these each needs, changes or takes away what another one looks at: after all the rest, one at a time.
+LAST_TARGETS := install uninstall licences manuals format clean
+
 all-targets: ## the targets that tests and linters leave out, in their quick forms: under 10 minutes
 	@failed=; tree="$(TREE)"; \
-	for t in $(QUICK_TARGETS); do echo "== make $$t QUICK=1"; from=$$SECONDS; \
-	    $(MAKE) --no-print-directory $$t QUICK=1 || failed="$$failed $$t"; echo "== $$t: $$((SECONDS - from)) s"; done; \
-	[ "$$tree" = "$(TREE)" ] || { git status --short; failed="$$failed (and the checkout is not as it was)"; }; \
-	echo "all-targets: $$(wc -w <<<'$(QUICK_TARGETS)') targets in $$SECONDS s$${failed:+, failed:$$failed}"; test -z "$$failed"
+	for t in "$(filter-out $(LAST_TARGETS),$(QUICK_TARGETS))" $(filter $(QUICK_TARGETS),$(LAST_TARGETS)); do echo "== make $$t QUICK=1"; \
+	    $(TWO_AT_A_TIME) $$t QUICK=1 || failed=", not all passed"; done; \
+	[ "$$tree" = "$(TREE)" ] || { git status --short; failed="$$failed, and the checkout is not as it was"; }; \
+	echo "all-targets: $(words $(QUICK_TARGETS)) targets in $$SECONDS s$$failed"; test -z "$$failed"
 
 # ---------------------------------------------------------------------------------------------------------- lint
 
 lint: build/.develop ## format, static analysis and types: C and Python
-	@$(MAKE) --no-print-directory --keep-going $(LINTS)
+	@$(TWO_AT_A_TIME) $(LINTS)
 
 LINTS := lint-clang-format lint-warnings lint-clang-tidy lint-analyzer lint-cppcheck lint-misra lint-structure lint-rooms lint-statics lint-ruff lint-mypy
 

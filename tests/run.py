@@ -77,10 +77,10 @@ LONG_PROGRAMS = (*SLOW_PROGRAMS, "test_way_out")
 """Begun first, so that no processor waits for one of them at the end."""
 
 
-def run_programs(folder: Path, quick: bool = False) -> Count:
+def run_programs(folder: Path, quick: bool = False, only: Sequence[str] = ()) -> Count:
     """Every test program of `folder` (the ones whose source is still there), as many at a time as there are cores."""
     sources = {path.stem for path in (ROOT / "tests").glob("*/test_*.c")}
-    chosen = sorted(sources.difference(SLOW_PROGRAMS if quick else ()))
+    chosen = sorted(only or sources.difference(SLOW_PROGRAMS if quick else ()))
     chosen.sort(key=lambda name: name not in LONG_PROGRAMS)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         counts = pool.map(run_program, (folder.resolve() / name for name in chosen))
@@ -175,9 +175,10 @@ def main() -> int:
         "--quick", action="store_true", help="leave out what takes a second and more"
     )
     parser.add_argument("--only-c", action="store_true", help="no pytest")
+    parser.add_argument("--programs", nargs="+", default=[], help="C programs (all)")
     parser.add_argument("paths", nargs="*", default=["tests"], help="for pytest (tests)")
     args = parser.parse_args()
-    count = run_programs(args.c_tests, args.quick)
+    count = run_programs(args.c_tests, args.quick, args.programs)
     if args.sanitized:
         # The same tests a second time: they must pass, but are counted once.
         count += Count(0, run_programs(args.sanitized).failed)
