@@ -115,17 +115,23 @@ BY_THE_CLOCK = (
 """Tests that time what they see: run with nothing beside them."""
 
 
+BESIDE = ("tests/host/test_readme.py", "tests/host/test_wheel.py")
+"""Of tests/host, run with all others, so that both processors are done at the same time."""
+
+
 def run_all_pytest(select: list[str]) -> Count:
     """Every pytest of the tree: tests/host beside all others, one processor each, then those by the clock."""
-    left_out = [f"--deselect={path}" for path in BY_THE_CLOCK]
+    chosen = [*select, *(f"--deselect={path}" for path in BY_THE_CLOCK)]
+    folders = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
     jobs = {
-        "pytest-host": ([*select, *left_out], ("tests/host",)),
-        "pytest-others": ([*select, *left_out, "--ignore=tests/host"], ("tests",)),
+        "pytest-host": ([*chosen, *(f"--ignore={path}" for path in BESIDE)], ["tests/host"]),
+        "pytest-others": (chosen, [*dict.fromkeys(folders), *BESIDE]),
     }
+    jobs["pytest-others"][1].remove("tests/host")
     with ThreadPoolExecutor(len(jobs)) as pool:
         runs = [
-            pool.submit(run_pytest, chosen, paths, name, keep=name != "pytest-host")
-            for name, (chosen, paths) in jobs.items()
+            pool.submit(run_pytest, words, paths, name, keep=name != "pytest-host")
+            for name, (words, paths) in jobs.items()
         ]
         count = sum((run.result() for run in runs), Count())
     print((ROOT / "build" / "pytest-others.log").read_text(errors="replace"), flush=True)
