@@ -1,7 +1,7 @@
 /* servo: one period of the device. Frames of the motor bus in, frames of the motor bus out.
  *
  * Flow     cr_servo_init; then each period: cr_servo_sync -> send; cr_servo_rx for what arrives; cr_servo_tick -> send; with late_max_ticks above 0
- *          also cr_servo_search, in a thread of its own or wherever the loop waits.
+ *          also cr_servo_search, in a thread of its own or in a main loop that the other calls interrupt.
  *          SYNC k samples the drives; the torque computed from that sample acts from SYNC k+1 to SYNC k+2.
  * Memory   the caller's: cr_servo_size bytes, 64-byte aligned. Holds the servo and its world. No heap.
  * Threads  none inside: all calls from the one thread of the loop, except the reading end of the record ring and cr_servo_search.
@@ -77,7 +77,7 @@ typedef struct {
     uint32_t heartbeat_ms;     /* of the host and of the drives */
     uint32_t host_timeout_ms;  /* a drive without the host's heartbeat goes to zero torque after this (0x1016) */
     uint32_t drive_timeout_ms; /* the host without a drive's heartbeat faults after this */
-    uint32_t missing_max;      /* periods in a row without a drive's state that are bridged; one more is a fault */
+    uint32_t missing_max;      /* periods in a row without a drive's state, or a tick, that are bridged; then a fault */
     uint32_t sdo_timeout_ms;
     uint32_t enable_timeout_ms; /* from the last SDO to OPERATION ENABLED */
     uint32_t listen_ms;         /* silence at start: nobody else may speak for the host */
@@ -97,7 +97,7 @@ typedef struct {
     cr_bus_config bus;
     cr_config world;
     float period_s;       /* nominal; 0.2e-3..0.1 */
-    float overrun_s;      /* from SYNC to SYNC, or SYNC to tick: more is a fault while rendering */
+    float overrun_s;      /* from tick to tick: one after more is late, and bridged as bus.missing_max says */
     float stuck_travel_m; /* how far the other joints have to move the tip before a resting one can count as stuck */
     /* 0: a tick searches for contact itself, as cr_tick. Else cr_servo_search does, beside the ticks, and contact so many felt
      * poses old may be felt; older is not, and is a fault while rendering. What falls as it rises may be twice as old. Up to
@@ -197,7 +197,7 @@ enum {
     CR_LIMIT_SPEED = 16u,
     CR_LIMIT_PASSIVITY = 32u,
     CR_LIMIT_WORKSPACE = 64u, /* near the singularity or at a joint limit */
-    CR_LIMIT_STALE = 128u     /* a drive's state is missing: the last torque, halved for each period */
+    CR_LIMIT_STALE = 128u     /* a drive's state or a tick is missing: the last torque, halved for each period */
 };
 #define CR_LIMIT_COUNT 8
 
@@ -211,7 +211,7 @@ enum {
     CR_FAULT_JUMP = 64u,        /* an encoder moved faster than jump_max */
     CR_FAULT_RANGE = 128u,      /* a joint is where it cannot be */
     CR_FAULT_NOT_FINITE = 256u, /* a number that is none, or a pose that the world refuses */
-    CR_FAULT_OVERRUN = 512u,    /* a tick came too late while rendering */
+    CR_FAULT_OVERRUN = 512u,    /* more than missing_max periods in a row went by without a tick, while rendering */
     CR_FAULT_BAD_STATE = 1024u, /* calls out of order, time going back, or a period out of range */
     CR_FAULT_ALIEN = 2048u,     /* somebody else speaks with the host's or twice with a drive's identifiers */
     CR_FAULT_BABBLE = 4096u,    /* more than CR_RX_MAX frames in a period, or more than a drive has reason for */
@@ -242,7 +242,7 @@ typedef struct {
     uint32_t babbled;                /* frames beyond what a period may bring */
     uint32_t emcy;
     uint32_t sdo_retries;
-    uint32_t overruns;
+    uint32_t overruns; /* late ticks */
     uint32_t send_failed;
     uint32_t rx_drops;      /* frames the operating system lost, as the port reports them */
     uint32_t wrist_missing; /* wrist frames that did not come */
@@ -359,7 +359,7 @@ void cr_servo_tick(cr_servo *servo, uint64_t now_ns, float period_s, cr_tx *tx);
 
 /* Purpose  with late_max_ticks above 0: one slice of the search for contact at the newest pose, beside the ticks.
  * Units    work: as of cr_search.   Output  work done; 0: nothing to do before the next tick.
- * Threads  one other thread, or the thread of the loop where it would wait. Neither waits for the other. */
+ * Threads  one other thread, or a main loop that all other calls interrupt. Neither waits for the other. */
 uint32_t cr_servo_search(cr_servo *servo, uint32_t work);
 
 /* Purpose  CR_COMMAND_* and CR_INPUT_* bits for the next tick. START counts in idle only, CLEAR in fault only. */

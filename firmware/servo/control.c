@@ -214,14 +214,14 @@ void cr_control_step(const cr_servo_config *config, cr_control *c, const cr_cont
     finish(c, out);
 }
 
-void cr_control_bridge(cr_control *c, cr_control_output *out) {
+void cr_control_bridge(cr_control *c, float share, cr_control_output *out) {
     memset(out, 0, sizeof *out);
     c->bridged_N = v3_add(c->bridged_N, c->applied_N[CR_FORCE_DELAY - 1]);
     c->bridged++;
     for (int a = 0; a < CR_AXES; a++) {
-        out->torque[a] = 0.5f * c->torque[a];
+        out->torque[a] = share * c->torque[a];
     }
-    out->force_N = v3_scale(c->force_N, 0.5f);
+    out->force_N = v3_scale(c->force_N, share);
     out->limits = CR_LIMIT_STALE;
     finish(c, out);
 }

@@ -81,19 +81,23 @@ static float seconds(uint64_t late_ns, uint64_t early_ns) {
     return ns > 1000000000ull ? 1.0f : (float)(uint32_t)ns * 1e-9f;
 }
 
-/* A late tick is a fault only where torque flows: elsewhere zero is held anyway. */
+/* The drives hold the last torque until the next. Where none flows, a late tick does no harm. */
 static uint32_t check_time(cr_servo *s, uint64_t now_ns, float period_s) {
     int in_order = s->synced && now_ns >= s->sync_ns && (s->ticks == 0u || s->sync_ns >= s->last_now_ns);
+    s->slept = 0u;
     if (!in_order || !(period_s > 0.0f && period_s <= 1.0f)) {
         return CR_FAULT_BAD_STATE;
     }
-    float most = s->config.overrun_s;
-    float from_sync = s->ticks > 0u ? seconds(s->sync_ns, s->last_sync_ns) : 0.0f;
-    if (period_s <= most && seconds(now_ns, s->sync_ns) <= most && from_sync <= most) {
+    const float late_s = s->ticks > 0u ? seconds(now_ns, s->last_now_ns) - s->config.overrun_s : 0.0f;
+    if (late_s <= 0.0f) {
+        s->overrun = 0u;
         return 0u;
     }
+    s->slept = 1u + (uint32_t)(late_s / s->config.period_s);
+    s->overrun += s->slept;
     s->counters.overruns++;
-    return cr_mode_is_rendering(s->mode) ? (uint32_t)CR_FAULT_OVERRUN : 0u;
+    const int most = s->overrun > s->config.bus.missing_max;
+    return most && cr_mode_is_rendering(s->mode) ? (uint32_t)CR_FAULT_OVERRUN : 0u;
 }
 
 static uint32_t take_inputs(cr_servo *s, uint32_t inputs) {
@@ -154,9 +158,9 @@ static uint32_t check_still(cr_servo *s, int a) {
 static uint32_t read_axis(cr_servo *s, int a) {
     const cr_axis_config *axis = &s->config.axis[a];
     const cr_drive *drive = &s->bus.drive[a];
-    if (drive->state_count == 0u) {
+    if (drive->state_count == 0u || s->slept > 0u) {
         s->stale = 1u;
-        s->missed[a]++;
+        s->missed[a] += 1u + s->slept;
         s->gap[a] = 0u;
         return 0u;
     }
@@ -325,7 +329,7 @@ static void render(cr_servo *s, float period_s, cr_control_output *out) {
     memcpy(in.joint, s->joints.joint, sizeof in.joint);
     cr_control_speeds(&s->config, &s->control, s->counts, s->gap, period_s, in.speed);
     if (s->stale) {
-        cr_control_bridge(&s->control, out);
+        cr_control_bridge(&s->control, s->overrun == 1u ? 1.0f : 0.5f, out);
     } else {
         cr_control_step(&s->config, &s->control, &in, out);
     }
@@ -433,7 +437,6 @@ void cr_servo_tick(cr_servo *s, uint64_t now_ns, float period_s, cr_tx *tx) {
     }
     record_outputs(s, &out, target);
     s->last_now_ns = now_ns;
-    s->last_sync_ns = s->sync_ns;
     s->synced = s->inputs = s->frame_count = s->rx_babbled = 0u;
     s->ticks++;
 }

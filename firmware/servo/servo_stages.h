@@ -176,8 +176,8 @@ void cr_control_speeds(const cr_servo_config *config, cr_control *control, const
 void cr_control_step(const cr_servo_config *config, cr_control *control, const cr_control_input *in,
                      cr_control_output *out);
 
-/* Purpose  a tick without a fresh sample: the last torque, halved. */
-void cr_control_bridge(cr_control *control, cr_control_output *out);
+/* Purpose  a tick without a fresh sample: a share of the last torque. */
+void cr_control_bridge(cr_control *control, float share, cr_control_output *out);
 
 /* ------------------------------------------------------------------------------------------------------ servo */
 
@@ -200,15 +200,16 @@ struct cr_servo {
     cr_joints joints;
     cr_servo_counters counters;
     cr_record record; /* of the last tick; of this one while it runs */
-    uint64_t sync_ns, last_sync_ns, last_now_ns;
+    uint64_t sync_ns, last_now_ns;
     uint32_t synced, ticks;
+    uint32_t slept, overrun; /* periods without a tick before this one; before this and the late ones before it */
     uint32_t mode, faults, first_fault;
     uint32_t inputs, rx_drops, rx_babbled, frame_count;
     cr_frame frames[CR_RX_MAX];
     int32_t counts[CR_AXES], rest_counts[CR_AXES];
     uint32_t has_counts, has_wrist, rest_ticks, stale;
     cr_still still[CR_AXES];
-    uint32_t missed[CR_AXES]; /* periods since the last sample */
+    uint32_t missed[CR_AXES]; /* periods since the last sample that was taken in time */
     uint32_t gap[CR_AXES];    /* periods from the sample before to this tick's; 0: this tick has none */
     uint32_t untouched;       /* periods since the world was last asked */
     uint32_t late;            /* age of its answer in this one, late_max_ticks + 1 at most; CR_NOT_FELT: not asked */

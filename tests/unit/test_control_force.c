@@ -148,15 +148,17 @@ static void limit_workspace_fades_towards_the_ends_and_the_singularity(void **st
     assert_true(crt_near(b.out.force_N.x, 4.0 * sin(0.25) / 0.5, 1e-3));
 }
 
-static void bridge_halves_the_last_torque(void **state) {
+static void bridge_gives_a_share_of_the_last_torque(void **state) {
     (void)state;
     crt_bench b = crt_bench_make();
     crt_bench_step(&b, 4.0f, 1.0f, 0.0f);
     const float before = b.out.torque[1];
-    cr_control_bridge(&b.control, &b.out);
+    cr_control_bridge(&b.control, 0.5f, &b.out);
     assert_true(b.out.limits == CR_LIMIT_STALE && b.out.torque[0] == 2.0f && b.out.torque[1] == 0.5f * before);
-    cr_control_bridge(&b.control, &b.out);
+    cr_control_bridge(&b.control, 0.5f, &b.out);
     assert_true(b.out.torque[0] == 1.0f);
+    cr_control_bridge(&b.control, 1.0f, &b.out);
+    assert_true(b.out.limits == CR_LIMIT_STALE && b.out.torque[0] == 1.0f);
 }
 
 static void not_a_number_comes_out_as_zero_and_is_told(void **state) {
@@ -246,7 +248,7 @@ static void passivity_observer_agrees_over_lost_states(void **state) {
         applied[1] = applied[0];
         work += k > 0 ? applied[2] * way_m : 0.0;
         if (k % 9 >= 7) {
-            cr_control_bridge(&b.control, &b.out);
+            cr_control_bridge(&b.control, 0.5f, &b.out);
         } else {
             crt_bench_set_joints(&b, (float)x, (float)(PI / 4.0), (float)(-PI / 4.0));
             crt_bench_step(&b, (float)(6.0 + 2.0 * cos(0.03 * k)), 0.0f, 0.0f);
@@ -266,7 +268,7 @@ static void own_friction_burns_through_lost_states_too(void **state) {
         crt_bench_step(&b, 1.0f, 0.0f, 0.0f);
         b.control.energy_J = 1e-3f;
         for (int k = 0; k < lost; k++) {
-            cr_control_bridge(&b.control, &b.out);
+            cr_control_bridge(&b.control, 0.5f, &b.out);
         }
         memset(b.control.applied_N, 0, sizeof b.control.applied_N);
         b.control.bridged_N = v3(0.0f, 0.0f, 0.0f);
@@ -365,7 +367,7 @@ int main(void) {
         cmocka_unit_test(limit_power_holds_back_only_what_drives),
         cmocka_unit_test(limit_speed_fades_what_would_speed_up),
         cmocka_unit_test(limit_workspace_fades_towards_the_ends_and_the_singularity),
-        cmocka_unit_test(bridge_halves_the_last_torque),
+        cmocka_unit_test(bridge_gives_a_share_of_the_last_torque),
         cmocka_unit_test(not_a_number_comes_out_as_zero_and_is_told),
         cmocka_unit_test(passivity_observer_agrees_with_the_work_done),
         cmocka_unit_test(passivity_observer_agrees_over_lost_states),

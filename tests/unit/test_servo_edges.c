@@ -131,8 +131,8 @@ static void time_that_goes_back_or_jumps_is_a_fault(void **state) {
                  {MS, MS + 1000, 0.0f, CR_FAULT_BAD_STATE},
                  {MS, MS + 1000, 1.5f, CR_FAULT_BAD_STATE},
                  {MS, MS + 1000, -1.0f, CR_FAULT_BAD_STATE},
-                 {MS, MS + 1000, 5e-3f, CR_FAULT_OVERRUN},
-                 {MS, 4 * (int64_t)MS, 1e-3f, CR_FAULT_OVERRUN},
+                 {5 * (int64_t)MS, 5 * (int64_t)MS + 1000, 5e-3f, CR_FAULT_OVERRUN},
+                 {MS, 5 * (int64_t)MS, 1e-3f, CR_FAULT_OVERRUN},
                  {2000 * (int64_t)MS, 2000 * (int64_t)MS, 1e-3f, CR_FAULT_OVERRUN}};
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
         assert_int_equal(in_contact(state), 0);
@@ -142,6 +142,37 @@ static void time_that_goes_back_or_jumps_is_a_fault(void **state) {
         power_off(state);
     }
     assert_int_equal(in_contact(state), 0); /* for power_off after the test */
+}
+
+/* Held up before SYNC or before the tick: one late tick, and the next one is in time. */
+static void a_tick_that_is_held_up_counts_once(void **state) {
+    for (int before_sync = 0; before_sync < 2; before_sync++) {
+        assert_int_equal(in_contact(state), 0);
+        const uint64_t now_ns = rig.now_ns, tick_ns = now_ns + 5u * MS / 2u;
+        period_at(before_sync ? tick_ns - 1000u : now_ns + MS, tick_ns, 1e-3f);
+        assert_true((cr_servo_get_record(rig.servo)->limits & CR_LIMIT_STALE) != 0u);
+        period_at(tick_ns + MS - 1000u, tick_ns + MS, 1e-3f);
+        const cr_record *r = cr_servo_get_record(rig.servo);
+        assert_true(cr_mode_is_rendering(mode()) && (r->limits & CR_LIMIT_STALE) == 0u && !torque_is_zero());
+        assert_int_equal(r->counters.overruns, 1);
+        power_off(state);
+    }
+    assert_int_equal(in_contact(state), 0); /* for power_off after the test */
+}
+
+/* 2 counts of 60 um a period on the guide: 120 mm/s, also in the tick after one that came two periods late. */
+static void speed_after_a_late_tick_is_the_one_it_has(void **state) {
+    (void)state;
+    for (uint32_t k = 0; k < 60u; k++) {
+        const uint32_t periods = k == 30u ? 3u : 1u;
+        rig.drives[0].counts += 2 * (int32_t)periods;
+        crt_servo_period(&rig, periods * MS);
+        const cr_record *r = cr_servo_get_record(rig.servo);
+        assert_true(cr_mode_is_rendering(mode()) && ((r->limits & CR_LIMIT_STALE) != 0u) == (periods > 1u));
+        if (k > 20u && periods == 1u) {
+            assert_true(fabsf(r->velocity_world_m_s.x - 0.120f) < 1e-5f);
+        }
+    }
 }
 
 static void off_switches_the_drives_off_in_its_tick(void **state) {
@@ -370,6 +401,8 @@ int main(void) {
         cmocka_unit_test_setup_teardown(speed_after_lost_states_is_the_one_it_has, in_contact, power_off),
         cmocka_unit_test_teardown(damping_of_the_world_after_lost_states_is_that_of_the_speed, power_off),
         cmocka_unit_test_teardown(time_that_goes_back_or_jumps_is_a_fault, power_off),
+        cmocka_unit_test_teardown(a_tick_that_is_held_up_counts_once, power_off),
+        cmocka_unit_test_setup_teardown(speed_after_a_late_tick_is_the_one_it_has, in_contact, power_off),
         cmocka_unit_test_setup_teardown(off_switches_the_drives_off_in_its_tick, in_contact, power_off),
         cmocka_unit_test_setup_teardown(status_is_ready_once_every_drive_has_answered_this_sync, in_contact, power_off),
         cmocka_unit_test_setup_teardown(send_that_fails_matters_only_while_rendering, in_contact, power_off),

@@ -117,6 +117,36 @@ static void commit(crt_loop *l, deed what, uint32_t axis, int again) {
     }
 }
 
+/* A tick 1.9 ms after the last is one period late, 2.9 ms are two, 3.9 three. */
+static void late_ticks_hold_the_torque_then_halve_it_then_are_a_fault(void **state) {
+    (void)state;
+    static const struct {
+        uint32_t count, skip_ns;
+        float share;
+    } late[] = {
+        {1u, 900000u, 1.0f}, {2u, 900000u, 0.5f}, {1u, 1900000u, 0.5f}, {3u, 900000u, 0.0f}, {1u, 2900000u, 0.0f}};
+    for (size_t i = 0; i < sizeof late / sizeof *late; i++) {
+        crt_loop l = crt_loop_make();
+        crt_loop_press(&l);
+        const cr_record *r = cr_servo_get_record(l.servo);
+        cr_record before = *r;
+        for (uint32_t k = 0; k < late[i].count; k++) {
+            before = *r;
+            l.skip_ns = late[i].skip_ns;
+            crt_loop_period(&l);
+        }
+        const int fault = late[i].share == 0.0f;
+        assert_true(r->counters.overruns == late[i].count && r->faults == (fault ? (uint32_t)CR_FAULT_OVERRUN : 0u));
+        assert_true((fault || (r->limits & CR_LIMIT_STALE) != 0u) && before.torque[1] != 0.0f);
+        for (int a = 0; a < CR_AXES; a++) {
+            assert_true(r->torque[a] == late[i].share * before.torque[a]);
+        }
+        crt_loop_period(&l);
+        assert_true((r->limits & CR_LIMIT_STALE) == 0u && cr_mode_is_rendering(r->mode) == !fault);
+        crt_loop_free(&l);
+    }
+}
+
 static void one_fault(deed what, uint32_t axis, int wait) {
     crt_loop l = crt_loop_make();
     crt_loop_press(&l);
@@ -280,6 +310,7 @@ static void record_holds_what_was_sent(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(late_ticks_hold_the_torque_then_halve_it_then_are_a_fault),
         cmocka_unit_test(every_fault_zeroes_in_its_tick_latches_and_clears),
         cmocka_unit_test(joint_that_rests_in_contact_is_no_fault),
         cmocka_unit_test(stuck_encoder_is_noticed_when_the_torque_swings),

@@ -41,8 +41,9 @@ static void wander(crt_loop *l, uint32_t seed, uint32_t *late_of) {
         l->target[0] = 0.03 * sin((double)k * 0.004);
         l->target[2] = 0.03 + 0.02 * cos((double)k * 0.02);
         if (k == 400u) {
-            l->period_s = 0.5f; /* an overrun */
+            l->skip_ns = 3000000u; /* an overrun */
         }
+        l->skip_ns += k % 97u == 0u ? 1000000u : 0u; /* a late tick */
         cr_servo_input(l->servo, k == 410u ? CR_COMMAND_CLEAR : 0u);
         cr_servo_input(l->servo, crt_loop_mode(l) == CR_MODE_IDLE ? CR_COMMAND_START : 0u);
         crt_loop_period(l);
