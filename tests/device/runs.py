@@ -64,29 +64,48 @@ def read_line(text: str) -> tuple[tuple[str, str], dict[str, int]]:
     return hashes, {name: int(value) for name, value in pairs.items()}
 
 
+def emulator(name: str, elf: Path, job: Path, plugin: str) -> list[str | Path]:
+    """Words that run one job on an emulated board."""
+    machine, address = DEVICES[name]
+    words: list[str | Path] = [
+        "qemu-system-arm",
+        "-M",
+        machine,
+        "-nographic",
+        "-monitor",
+        "none",
+        "-serial",
+        "null",
+    ]
+    words += ["-chardev", "stdio,id=out,signal=off"]
+    words += ["-semihosting-config", "enable=on,target=native,chardev=out", "-kernel", elf]
+    words += ["-device", f"loader,file={job},addr={address:#x},force-raw=on"]
+    return [*words, "-plugin", plugin]
+
+
 def run_device(name: str, elf: Path, job: Path, made: Path | None = None) -> Run:
     """One job on an emulated board, every instruction counted."""
-    machine, address = DEVICES[name]
     with tempfile.TemporaryDirectory(prefix="crease-device-") as folder:
         counts = Path(folder) / "counts.txt"
-        words: list[str | Path] = [
-            "qemu-system-arm",
-            "-M",
-            machine,
-            "-nographic",
-            "-monitor",
-            "none",
-            "-serial",
-            "null",
-        ]
-        words += ["-chardev", "stdio,id=out,signal=off"]
-        words += ["-semihosting-config", "enable=on,target=native,chardev=out", "-kernel", elf]
-        words += ["-device", f"loader,file={job},addr={address:#x},force-raw=on"]
-        words += ["-plugin", f"{BUILD / 'count.so'},out={counts}"]
+        words = emulator(name, elf, job, f"{BUILD / 'count.so'},out={counts}")
         line = command(words, cwd=Path(folder))
         if made is not None:
             made.write_bytes((Path(folder) / "made.bin").read_bytes())
         return read_counts(*read_line(line), counts.read_text(encoding="utf-8"))
+
+
+def run_blocks(name: str, elf: Path, job: Path) -> dict[int, int]:
+    """One job on an emulated board: how often the instruction at each address ran."""
+    build_counter("blocks")
+    with tempfile.TemporaryDirectory(prefix="crease-device-") as folder:
+        counts = Path(folder) / "blocks.txt"
+        command(emulator(name, elf, job, f"{BUILD / 'blocks.so'},out={counts}"), cwd=Path(folder))
+        found: dict[int, int] = {}
+        for line in counts.read_text(encoding="ascii").splitlines():
+            count, *addresses = line.split()
+            for address in addresses:
+                found[int(address, 16)] = found.get(int(address, 16), 0) + int(count)
+        return found
 
 
 def read_counts(hashes: tuple[str, str], figures: dict[str, int], text: str) -> Run:
@@ -100,8 +119,8 @@ def read_counts(hashes: tuple[str, str], figures: dict[str, int], text: str) -> 
     return Run(hashes, figures, ticks, stages, functions)
 
 
-def build_counter() -> None:
-    """The emulator's plugin that counts."""
+def build_counter(name: str = "count") -> None:
+    """The emulator's plugin that counts: instructions of ticks, or blocks."""
     BUILD.mkdir(parents=True, exist_ok=True)
-    source = ROOT / "tests/device/count.c"
-    command(["gcc", "-O2", "-shared", "-fPIC", "-o", BUILD / "count.so", source])
+    source = ROOT / f"tests/device/{name}.c"
+    command(["gcc", "-O2", "-shared", "-fPIC", "-o", BUILD / f"{name}.so", source])

@@ -107,17 +107,27 @@ class Counted:
         far = np.array([FAR_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         return max(most, *(self._tick(far) for _ in range(self._ticks)))
 
+    def sum(self, rows: F64) -> int:
+        """Of all ticks of a path."""
+        lib.cr_world_init(*self._begin)
+        return sum(self._tick(row) for row in rows[:, :7])
 
-def instructions(scene: str, lookups: int, poses: Sequence[F64]) -> list[int]:
-    """Of the dearest tick at each pose, on the emulated Cortex-M7."""
+
+def poses_job(scene: str, lookups: int, poses: Sequence[F64]) -> tuple[bytes, F64]:
+    """A job that asks poses, and the rows of its path: of each so many ticks, and as many far away."""
     ticks = TICKS[lookups]
     far = [FAR_M, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     blocks = [np.repeat([pose, far], ticks, axis=0) for pose in poses]
     rows = np.column_stack([np.concatenate(blocks), np.full(2 * ticks * len(poses), 1e-3)])
+    image = (ROOT / "build" / "scenes" / f"{scene}.crs").read_bytes()
+    return path_job(image, rows.astype("<f4"), damping_Ns_m=2.0, lookups_max=lookups), rows
+
+
+def instructions(scene: str, lookups: int, poses: Sequence[F64]) -> list[int]:
+    """Of the dearest tick at each pose, on the emulated Cortex-M7."""
     with tempfile.TemporaryDirectory(prefix="crease-worst-") as folder:
         job = Path(folder) / "poses.job"
-        image = (ROOT / "build" / "scenes" / f"{scene}.crs").read_bytes()
-        job.write_bytes(path_job(image, rows.astype("<f4"), damping_Ns_m=2.0, lookups_max=lookups))
+        job.write_bytes(poses_job(scene, lookups, poses)[0])
         run = run_device("m7", ROOT / "build" / "m7" / "replay.elf", job)
     assert run.ticks is not None
     return [int(v) for v in run.ticks[:, 0].reshape(len(poses), -1).max(axis=1)]

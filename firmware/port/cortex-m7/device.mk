@@ -75,6 +75,10 @@ check-device: build/.develop build/.device build/scenes/.stamp firmware-m7 firmw
 worst: build/.develop build/.device build/scenes/.stamp firmware-m7 ## the most expensive pose of each scene on the Cortex-M7, searched for: 10 minutes; KEEP=1 keeps them
 	@cd tests/device && $(abspath $(PY)) worst.py $(if $(QUICK),--seconds 1 --scene edge90_cube) $(if $(KEEP),--write)
 
+wcet: build/.develop build/.device build/scenes/.stamp firmware-m7 ## the most instructions of a tick on the Cortex-M7, derived from the object code: 3 minutes
+	@$(PY) -m pytest -c host/pyproject.toml --rootdir . -q tests/device/wcet_of_code.py
+	@cd tests/device && $(abspath $(PY)) wcet.py $(if $(QUICK),--quick)
+
 # In User-Mode Linux also where this kernel has vcan0: only there the time is virtual.
 hil-m7: build/.develop build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: two minutes; SHIFT=7: a core of 30 MHz
 	@tests/hil/lab/build-kernel
