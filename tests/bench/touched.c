@@ -1,8 +1,8 @@
 /* How much of the scene image each tick of a path reads, in lines of 32 bytes, by section.
  *
- *     touched IMAGE PATH RESPONSE COVERAGE COUNTS
+ *     touched IMAGE PATH RESPONSE COVERAGE COUNTS [LOOKUPS]
  *
- * PATH holds cr_path_row, COUNTS gets a struct touched for each row. Everything is compiled with -fsanitize=kernel-address and calls
+ * PATH holds cr_path_row, COUNTS gets a struct touched for each row; LOOKUPS: work of a tick at most, as in cr_config. Everything is compiled with -fsanitize=kernel-address and calls
  * instead of checks: the compiler then puts a call before every access to memory. The calls end here, where there is no sanitizer,
  * and mark lines. The code that ships is the same source without these calls. */
 #include "blob.h"
@@ -109,8 +109,8 @@ UNSEEN static int write_counts(const char *name, cr_world *world, const blob *pa
 }
 
 UNSEEN int main(int argc, char **argv) {
-    if (argc != 6) {
-        fprintf(stderr, "usage: %s IMAGE PATH RESPONSE COVERAGE COUNTS\n", argv[0]);
+    if (argc != 6 && argc != 7) {
+        fprintf(stderr, "usage: %s IMAGE PATH RESPONSE COVERAGE COUNTS [LOOKUPS]\n", argv[0]);
         return 2;
     }
     const blob image = blob_read(argv[1]), path = blob_read(argv[2]);
@@ -119,6 +119,7 @@ UNSEEN int main(int argc, char **argv) {
     cr_config config = cr_config_default();
     config.response = (uint32_t)atoi(argv[3]);
     config.coverage = (uint32_t)atoi(argv[4]);
+    config.lookups_max = argc > 6 ? (uint32_t)atoi(argv[6]) : config.lookups_max;
     cr_err err = cr_scene_open(&scene, image.bytes, image.size);
     if (err != CR_OK) {
         fprintf(stderr, "%s: %s\n", argv[1], cr_err_text(err));

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from crease.bake.surface import make_surface
 from crease.base.native import lib
 from crease.base.scene import open_image
 from crease.base.units import parse_length, parse_size
+from crease.lab.setup import make_path, upright
 from crease.mesh.mesh import make_mesh
+from crease.replay.replay import run_path
 from host_tools import Run
 
 
@@ -137,6 +140,46 @@ def test_an_image_gets_no_larger_than_wished() -> None:
     fitted = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room))
     assert len(fitted.image) <= room
     assert any("image_max_bytes=" in note for note in fitted.warnings)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("shape", "share", "off_max_N"), [("block", 0.7, 0.01), ("cylinder", 0.97, 2.0)]
+)
+def test_above_the_depth_of_the_tool_the_force_is_the_same_to_the_bit(
+    shape: str, share: float, off_max_N: float
+) -> None:
+    """A ball goes 18 mm in, where 3 were said: the image is smaller, and deeper the force does not turn round."""
+    solid = (
+        trimesh.creation.box(extents=(60.0, 60.0, 40.0))
+        if shape == "block"
+        else trimesh.creation.cylinder(20.0, 40.0, sections=96)
+    )
+    tool = trimesh.creation.icosphere(3, radius=8.0)
+    static, ball = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (solid, tool))
+    depth_m = np.linspace(-1e-3, 18e-3, 191)
+    place_m = np.zeros((len(depth_m), 3))
+    if shape == "block":
+        place_m[:, 2] = 20e-3 + 8e-3 - depth_m
+    else:
+        place_m[:, 0] = 20e-3 + 8e-3 - depth_m
+    path = make_path(upright(place_m))
+    options = BakeOptions(voxel_m=1e-3, spacing_m=1.5e-3)
+    whole = bake_scene(static, ball, options)
+    less = bake_scene(static, ball, replace(options, depth_max_m=3e-3))
+    assert len(less.image) < share * len(whole.image)
+    force_N, forces_N = (
+        run_path(open_image(made.image, shape), path)["force_N"].astype(float)
+        for made in (whole, less)
+    )
+    above = depth_m <= 3e-3
+    assert np.abs(force_N[above]).max() > 2.0
+    assert (forces_N[above] == force_N[above]).all()
+    off_N = np.linalg.norm(forces_N - force_N, axis=1)
+    print(
+        f"{shape}: {len(whole.image)} -> {len(less.image)} bytes, off by {off_N.max():.3g} N deeper"
+    )
+    assert off_N.max() < off_max_N
 
 
 def test_creases_of_a_machined_part_are_not_noise() -> None:

@@ -12,6 +12,7 @@ import pytest
 from crease.base.errors import CreaseError
 from crease.base.scene import open_scene
 from crease.lab.setup import make_path
+from crease.replay.cost import BOARD_WORK
 from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory, load_trajectory
 from host_tools import Run
@@ -22,7 +23,7 @@ from study.points import MEASURES, Point, less_error, read_points, verdict, writ
 from study.precision import compare, force_um
 from study.program import IN_DOUBLE, ROW_IN_DOUBLE, build, run_in_double, widened
 from study.scaling import corner_poses, exponent
-from study.touched import LINE, SECTIONS, build_counter, bytes_of, count
+from study.touched import GOAL_KIB, LINE, SECTIONS, build_counter, bytes_of, count
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 sys.path[:0] = [str(ROOT / "tests" / "bench")]
@@ -259,7 +260,8 @@ def test_bytes_that_a_tick_reads_are_counted(
     scene_crs: Path, press_csv: Path, tmp_path: Path
 ) -> None:
     scene, path = open_scene(scene_crs), load_trajectory(press_csv)
-    rows = count(build_counter(tmp_path / "touched"), scene, path, ReplayOptions())
+    program = build_counter(tmp_path / "touched")
+    rows = count(program, scene, path)
     ticked = run_path(scene, path)
     assert (rows["contacts"] == ticked["contacts"]).all()
     lines = {name: rows["lines"][:, number - 1] for number, name in SECTIONS}
@@ -274,3 +276,7 @@ def test_bytes_that_a_tick_reads_are_counted(
     assert (LINE * lines["clusters"][touching] >= 6 * 64 * clusters).all()
     assert (size <= len(scene.image)).all()
     assert (lines["edges"] == 0).all()
+    # An answer over several ticks reads less in each, and no more than the goal on the boards.
+    boards = bytes_of(count(program, scene, path, BOARD_WORK))[touching]
+    assert boards.mean() < 0.75 * size[touching].mean()
+    assert np.percentile(boards, 99) <= 1024 * GOAL_KIB

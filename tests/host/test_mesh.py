@@ -146,6 +146,38 @@ def test_duplicate_triangle_of_other_winding_is_dropped() -> None:
     assert len(mesh.triangles) == 12
 
 
+def test_neighbours_that_stand_in_both_windings_are_no_holes() -> None:
+    """Each of these was taken out as an inner wall, and the hole was capped or its piece left out as a sheet."""
+    ball = trimesh.creation.icosphere(3)
+    vertices, triangles = np.array(ball.vertices), np.array(ball.faces)
+    chosen = np.random.default_rng(1).choice(len(triangles), len(triangles) // 3, replace=False)
+    for doubled in (chosen, np.arange(len(triangles))):
+        mesh = make_mesh(vertices, np.concatenate([triangles, triangles[doubled][:, ::-1]]))
+        assert_sound(mesh)
+        assert volume(mesh) == pytest.approx(ball.volume)
+        assert len(mesh.triangles) == len(triangles)
+
+
+def test_a_wall_that_two_boxes_share_goes_however_fine_it_is() -> None:
+    one = trimesh.creation.box(bounds=[[0, 0, 0], [1, 1, 1]]).subdivide().subdivide()
+    other = trimesh.Trimesh(one.vertices * [-1, 1, 1], one.faces[:, ::-1], process=False)
+    mesh = make_mesh(*both((one.vertices, one.faces), (other.vertices, other.faces)))
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(2.0)
+    middle = mesh.vertices_m[mesh.triangles].mean(axis=1)
+    assert not (np.abs(middle[:, 0]) < 1e-6).any()
+
+
+def test_a_sheet_with_two_sides_is_made_thick() -> None:
+    square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    triangles = [[0, 1, 2], [0, 2, 3], [0, 2, 1], [0, 3, 2]]
+    with pytest.raises(MeshError, match=r"lies on its own back; .* sheet_m=0\.001"):
+        make_mesh(square, triangles)
+    mesh = make_mesh(square, triangles, sheet_m=0.01)
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(0.01)
+
+
 def test_triangles_without_area_are_dropped() -> None:
     vertices, triangles = box()
     mesh = make_mesh(vertices, np.concatenate([triangles, [[0, 0, 1], [2, 2, 2]]]))
@@ -200,6 +232,27 @@ def test_cavity_stays_a_cavity() -> None:
     assert_sound(mesh)
     assert mesh.warnings == ()
     assert volume(mesh) == pytest.approx(0.875)
+
+
+def test_a_hollow_that_is_wholly_inside_out_stays_hollow() -> None:
+    inner = box((0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
+    vertices, triangles = both(box(), (inner[0], inner[1][:, ::-1]))
+    mesh = make_mesh(vertices, triangles[:, ::-1])
+    assert_sound(mesh)
+    assert "inside out" in mesh.warnings[0]
+    assert volume(mesh) == pytest.approx(0.875)
+
+
+def test_shells_that_are_all_inside_out_cut_nothing_from_each_other() -> None:
+    """The small box begins in the large one and reaches out of a notch: it was taken for a cavity."""
+    solid = trimesh.creation.icosphere(3)
+    small = trimesh.creation.box(bounds=[[0.4, 0.4, 0.4], [0.95, 0.95, 0.95]])
+    vertices, triangles = both((solid.vertices, solid.faces), (small.vertices, small.faces))
+    right = make_mesh(vertices, triangles)
+    mesh = make_mesh(vertices, triangles[:, ::-1])
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(volume(right), rel=1e-9)
+    assert volume(mesh) > solid.volume
 
 
 def test_solid_inside_a_solid_vanishes() -> None:

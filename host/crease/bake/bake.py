@@ -40,6 +40,7 @@ class BakeOptions:
     tolerance_m: float | None = None
     memory_max_bytes: int | None = None
     image_max_bytes: int | None = None
+    depth_max_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,9 @@ def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
     spacing = default_spacing_m(tool) if options.spacing_m is None else options.spacing_m
     voxel = default_voxel_m(static, spacing) if options.voxel_m is None else options.voxel_m
     tolerance = voxel / 4 if options.tolerance_m is None else options.tolerance_m
-    for name, value in (("spacing_m", spacing), ("voxel_m", voxel), ("tolerance_m", tolerance)):
+    chosen = [("spacing_m", spacing), ("voxel_m", voxel), ("tolerance_m", tolerance)]
+    chosen += [] if options.depth_max_m is None else [("depth_max_m", options.depth_max_m)]
+    for name, value in chosen:
         if not (math.isfinite(value) and value > 0):
             raise MeshError(f"{setting(name)} is {value}: must be a positive length")
     span = float(np.ptp(tool.vertices_m, axis=0).max())
@@ -289,7 +292,15 @@ def _fitting_voxmap(
     widest, tried = sizes, sizes
     for attempt in range(TRIES_MAX):
         near_m = max(0.55 * shell.h_max_m, 0.5 * tried.voxel_m)
-        voxmap = make_voxmap(surface, tried.voxel_m, near_m, tried.target_m, report, memory_max)
+        voxmap = make_voxmap(
+            surface,
+            tried.voxel_m,
+            near_m,
+            tried.target_m,
+            report,
+            memory_max,
+            depth_max_m=options.depth_max_m,
+        )
         rest = _bytes_of(
             voxmap.top, voxmap.bricks, voxmap.samples, voxmap.cells, voxmap.kinds, voxmap.facets
         )

@@ -20,6 +20,7 @@ def bake(
     voxel_m: float | None = None,
     crease_angle_deg: float = 30.0,
     tolerance_m: float | None = None,
+    depth_max_m: float | None = None,
     image_max_bytes: int | None = None,
     memory_max_bytes: int | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -31,7 +32,7 @@ def bake(
     spacing_m: distance between samples of the tool; None: 1/30 of its middle size, at most about 20,000 samples.
     voxel_m: side of a voxel; None: the spacing, at least 1/600 of the mock-up. crease_angle_deg: 0 to 180, edges
     that turn more are creases. tolerance_m: refine until the distance error near the surface is below this; None: a
-    quarter of a voxel. image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work
+    quarter of a voxel. depth_max_m: how far the tool goes in; what lies deeper is kept roughly. image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work
     that takes more; None: half of the machine's. progress: called with what is done and the part of it that is, 0..1.
 
     Units    m, degrees, bytes.
@@ -50,6 +51,7 @@ def bake(
         ("spacing_m", spacing_m, "a number of metres"),
         ("voxel_m", voxel_m, "a number of metres"),
         ("tolerance_m", tolerance_m, "a number of metres"),
+        ("depth_max_m", depth_max_m, "a number of metres"),
         ("image_max_bytes", image_max_bytes, "a number of bytes"),
         ("memory_max_bytes", memory_max_bytes, "a number of bytes"),
     ):
@@ -57,7 +59,13 @@ def bake(
             check_positive(name, value, unit, MeshError)
     check_number("crease_angle_deg", crease_angle_deg, 0.0, 180.0, "degrees", MeshError)
     options = BakeOptions(
-        voxel_m, spacing_m, crease_angle_deg, tolerance_m, memory_max_bytes, image_max_bytes
+        voxel_m=voxel_m,
+        spacing_m=spacing_m,
+        crease_angle_deg=crease_angle_deg,
+        tolerance_m=tolerance_m,
+        memory_max_bytes=memory_max_bytes,
+        image_max_bytes=image_max_bytes,
+        depth_max_m=depth_max_m,
     )
     made = bake_scene(static, tool, options, progress)
     said = (*static.warnings, *tool.warnings, *made.warnings)

@@ -295,9 +295,11 @@ def make_voxmap(
     tolerance_m: float,
     progress: Callable[[str, float], None],
     memory_max: int,
+    depth_max_m: float | None = None,
 ) -> Voxmap:
     """The whole voxmap: near_m is the distance up to which a sample of the tool can be covered.
 
+    depth_max_m: how far the tool goes in; bricks wholly deeper have eight samples, and no cells where planes hold.
     Errors: MeshError when it would take more than memory_max bytes.
     """
     grid = make_grid(surface, voxel_m, near_m)
@@ -326,9 +328,14 @@ def make_voxmap(
         cells, planes = _merged(sorter.kinds, cells, planes, voxel_m)
     kinds, facets = sorter.kinds.records()
     level = choose_levels(phi, tolerance_m)
-    by_planes = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
+    if depth_max_m is not None:
+        deep = phi.max(axis=(1, 2, 3)) < -(depth_max_m + near_m)
+        level[deep] = 0
+        by_planes = deep & (planes.least != 0)
+        cells[by_planes] = planes.least[by_planes, None, None, None]
+    exact = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     fine = refine(
-        Coarse(grid, where, phi, ~by_planes[cells], np.flatnonzero(level == BASE_LEVEL)),
+        Coarse(grid, where, phi, ~exact[cells], np.flatnonzero(level == BASE_LEVEL)),
         lambda points: surface.signed_distance(points)[0],
         tolerance_m,
         lambda part: progress("refining", part),

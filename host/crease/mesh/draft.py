@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from crease.base.errors import MeshError
+from crease.base.settings import setting
 from crease.base.units import METRES, format_length
 from crease.mesh import closing, topology
 from crease.mesh.topology import Triangles, Vertices
@@ -110,13 +113,15 @@ def drop_triangles(draft: Draft) -> None:
         draft.notes.append(f"dropped {plural(int(np.count_nonzero(~keep)), 'duplicate triangle')}")
         draft.triangles = draft.triangles[keep]
     if len(draft.triangles) == 0:
-        raise MeshError("is flat, every triangle lies on its own back; give it thickness")
+        raise MeshError(
+            f"is flat, every triangle lies on its own back; give it thickness, such as {setting('sheet_m', 1e-3)}"
+        )
 
 
 def _unique_triangles(draft: Draft) -> npt.NDArray[np.bool_]:
     """Which triangles stay: one of each that stand more than once, none of two back to back inside a solid."""
     sorted_corners = np.sort(draft.triangles, axis=1)
-    _, group = topology.weld(sorted_corners.astype(np.float64))
+    first, group = topology.weld(sorted_corners.astype(np.float64))
     size = np.bincount(group)
     keep = np.ones(len(draft.triangles), dtype=bool)
     if size.max() == 1:
@@ -124,22 +129,44 @@ def _unique_triangles(draft: Draft) -> npt.NDArray[np.bool_]:
     a, b, c = draft.triangles.T
     turned = np.where(((a < b) + (b < c).astype(int) + (c < a)) == 2, 1, -1)
     net = np.bincount(group, weights=turned).astype(int)
-    _, edge, use = np.unique(
-        topology.undirected_codes(draft.triangles, draft.vertex_count),
-        return_inverse=True,
-        return_counts=True,
-    )
-    others = use[edge].reshape(-1, 3)
-    # Twice in opposite senses: with one more triangle at every edge it is one triangle too many, else an inner wall.
-    spare = (others - size[group][:, None] == 1).all(axis=1)
     order = np.lexsort((-turned * np.sign(net[group]), group))
     rank = np.empty(len(order), dtype=np.int64)
     starts = np.r_[0, np.cumsum(size)[:-1]]
     rank[order] = np.arange(len(order)) - starts[group[order]]
-    wall = (net[group] == 0) & ~spare
-    multiple = size[group] > 1
-    keep[multiple & ((rank > 0) | wall)] = False
+    with_sheets = draft.wishes.sheet_m is not None
+    wall = _walls(draft.triangles[first], net == 0, draft.vertex_count, with_sheets)
+    keep[(size[group] > 1) & ((rank > 0) | wall[group])] = False
     return keep
+
+
+def _walls(
+    triangles: Triangles, doubled: npt.NDArray[np.bool_], vertex_count: int, with_sheets: bool
+) -> npt.NDArray[np.bool_]:
+    """Which of the triangles that stand in both senses are inner walls; the others are one triangle too many.
+
+    triangles: one of each. Those in both senses that join each other are one piece. At most edges of its rim a wall
+    meets two or more others, a part of the surface one, a sheet with two sides none (a wall too, unless with_sheets),
+    and a closed surface has no rim.
+    """
+    _, edge, use = np.unique(
+        topology.undirected_codes(triangles, vertex_count), return_inverse=True, return_counts=True
+    )
+    edge = edge.reshape(-1)
+    owner = np.arange(3 * len(triangles)) // 3
+    inner = (np.bincount(edge, doubled[owner]) == use) & (use == 2)
+    joined = np.flatnonzero(inner[edge])
+    graph = sparse.coo_matrix(
+        (np.ones(len(joined), np.int8), (owner[joined], len(triangles) + edge[joined])),
+        shape=(len(triangles) + len(use), len(triangles) + len(use)),
+    )
+    _, piece = csgraph.connected_components(graph, directed=False)
+    rim = np.flatnonzero(doubled[owner] & ~inner[edge])
+    of_rim = piece[owner[rim]]
+    rim_use, count = use[edge[rim]], np.bincount(of_rim, minlength=len(piece))
+    crowded = np.bincount(of_rim, rim_use > 2, minlength=len(piece))
+    alone = np.bincount(of_rim, rim_use == 1, minlength=len(piece))
+    wall = (2.0 * crowded > count) | ((2.0 * alone > count) & (not with_sheets))
+    return np.asarray(doubled & wall[piece[: len(triangles)]])
 
 
 def turn_triangles(draft: Draft) -> None:

@@ -191,10 +191,13 @@ def _settle_shells(draft: Draft) -> None:
     parts_m3 = topology.volumes_m3(draft.vertices, draft.triangles)
     volume = np.bincount(shell, weights=parts_m3, minlength=count).astype(np.float64)
     boxes = _shell_boxes(draft, shell, count)
-    cavity = np.array(
-        [volume[i] < 0.0 and _is_cavity(draft, shell, volume, boxes, i) for i in range(count)]
-    )
-    turn = (volume < 0.0) & ~cavity
+    # A shell lies in another as the file winds both: opposite senses make a cavity, whichever of the two is inside out.
+    cavity = np.zeros(count, bool)
+    turn = np.zeros(count, bool)
+    for i in range(count) if (volume < 0.0).any() else ():
+        round_it = _shell_round(draft, shell, volume, boxes, i)
+        turn[i] = volume[round_it] < 0.0
+        cavity[i] = (volume[i] < 0.0) != turn[i]
     if turn.any():
         wrong = turn[shell]
         draft.triangles[wrong] = draft.triangles[wrong][:, ::-1]
@@ -210,21 +213,26 @@ def _settle_shells(draft: Draft) -> None:
             draft.layered = True
 
 
-def _is_cavity(
+def _shell_round(
     draft: Draft,
     shell: npt.NDArray[np.int32],
     volume: npt.NDArray[np.float64],
     boxes: npt.NDArray[np.float64],
     i: int,
-) -> bool:
-    """Whether the inside-out shell i lies inside a larger one."""
+) -> int:
+    """The largest shell that holds the shell i, itself when none does. Looked for where one of both is inside out."""
     larger = np.abs(volume) > np.abs(volume[i])
+    if volume[i] > 0.0:
+        larger &= volume < 0.0
     holding = ((boxes[:, 0] <= boxes[i, 0]) & (boxes[i, 1] <= boxes[:, 1])).all(axis=1)
+    found = np.flatnonzero(larger & holding)
+    if len(found) == 0:
+        return i
     point = draft.vertices[draft.triangles[np.argmax(shell == i), 0]]
-    return any(
-        _inside(point, draft.vertices, draft.triangles[shell == j])
-        for j in np.flatnonzero(larger & holding).tolist()
-    )
+    for j in found[np.argsort(-np.abs(volume[found]), kind="stable")].tolist():
+        if _inside(point, draft.vertices, draft.triangles[shell == j]):
+            return int(j)
+    return i
 
 
 def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bool_]) -> None:

@@ -72,6 +72,12 @@ def add_parser(sub: SubParsers) -> None:
         help="refine until the distance error near the surface is below this (default: 1/4 voxel)",
     )
     parser.add_argument(
+        "--depth-max",
+        metavar="LENGTH",
+        type=length,
+        help="how far the tool goes into STATIC: what lies deeper is kept roughly, for a smaller image",
+    )
+    parser.add_argument(
         "--chord",
         metavar="LENGTH",
         type=length,
@@ -159,6 +165,7 @@ def bake_options(args: argparse.Namespace) -> BakeOptions:
         tolerance_m=metres(args.tolerance, args.unit),
         memory_max_bytes=args.memory_max,
         image_max_bytes=args.image_max,
+        depth_max_m=metres(args.depth_max, args.unit),
     )
 
 
