@@ -265,7 +265,7 @@ def check_time(rows: npt.NDArray[Any]) -> list[Outcome]:
     period_us = np.diff(rows["sync_ns"].astype(np.int64))[rendering] * 1e-3
     waited_us = (rows["now_ns"] - rows["sync_ns"]).astype(np.int64)[1:][rendering] * 1e-3
     least_us, most_us = waited_us.min(initial=PERIOD_US), waited_us.max(initial=0.0)
-    off_us = float(np.abs(period_us - PERIOD_US).max(initial=0.0))
+    off_us = float(np.abs(np.asarray(period_us, dtype=np.float64) - PERIOD_US).max(initial=0.0))
     return [
         Outcome(
             off_us < OFF_MAX_US and most_us < DEADLINE_US + OFF_MAX_US,
