@@ -30,7 +30,9 @@ PIP_DEVELOP := test fuzz dask lint step parquet wheel docs ports prove
 APT_BROWSER := chromium-headless-shell
 BROWSERS := chromium-headless-shell chromium chromium-browser google-chrome
 
-FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c)
+FIRMWARE_C := $(wildcard firmware/contact/*.c firmware/servo/*.c firmware/couple/*.c)
+# On a device a library of its own: who has no use for six degrees of freedom links none of it.
+COUPLE_C := $(wildcard firmware/couple/*.c)
 # Other methods, for comparison: on the host only, in an extension and tests of their own, never in a device library.
 RIVALS_C := $(wildcard firmware/rivals/*.c)
 CONTACT_C := $(wildcard firmware/contact/*.c)
@@ -39,7 +41,7 @@ PORT_LIB_C := $(filter-out %/creased.c,$(PORT_C)) $(addprefix firmware/port/cort
 NATIVE_C := $(wildcard host/native/*.c host/native/*/*.c)
 NATIVE_H := $(wildcard host/native/*.h host/native/*/*.h)
 SIM_C := $(wildcard sim/*.c sim/port/linux/*.c)
-C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h firmware/port/linux/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h) $(NATIVE_H)
+C_HEADERS := $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/couple/*.h firmware/rivals/*.h firmware/port/linux/*.h tests/unit/*.h tests/property/*.h tests/fuzz/*.h) $(NATIVE_H)
 TEST_C := $(wildcard tests/unit/test_*.c tests/property/test_*.c)
 TEST_NAMES := $(notdir $(TEST_C:.c=))
 # Of what is there for comparison only: built with rivals.
@@ -120,7 +122,7 @@ build: build/.host ## the C extensions and the `crease` command, in .venv
 build/modules.txt: FORCE
 	@mkdir -p build; echo '$(sort $(PY_ALL))' | cmp -s - $@ || echo '$(sort $(PY_ALL))' >$@
 
-build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/rivals/*.h) $(NATIVE_H) \
+build/.host: $(VENV)/.stamp build/.npm build/modules.txt $(FIRMWARE_C) $(RIVALS_C) $(NATIVE_C) $(wildcard firmware/*.h firmware/contact/*.h firmware/servo/*.h firmware/couple/*.h firmware/rivals/*.h) $(NATIVE_H) \
              $(SIM_C) $(wildcard sim/*.h sim/port/linux/*.h) \
              host/CMakeLists.txt host/native/gen_binding.py host/pyproject.toml
 	@echo "extensions: crease._native, as it ships; crease._rivals; crease._sim"
@@ -313,10 +315,10 @@ coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp $(if $(Q
 LONG_TESTS := test_way_out test_bitflips
 COVERING := $(LONG_TESTS) $(filter-out $(LONG_TESTS) test_soak test_two_threads $(RIVAL_TESTS),$(TEST_NAMES))
 
-coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/ and servo/
+coverage-firmware: $(addprefix build/cov/tests/,$(COVERING)) ## fails below every line and 95 % of the branches of contact/, servo/ and couple/
 	@find build/cov -name '*.gcda' -delete; mkdir -p build/coverage
 	@printf '%s\n' $(COVERING) | xargs -P 2 -I{} sh -c 'build/cov/tests/{} >build/coverage/{}.log 2>&1 || { cat build/coverage/{}.log; exit 255; }'
-	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*)\.[ch]$$' --branches --print-summary \
+	gcovr --root . --filter 'firmware/([^/]*|contact/.*|servo/.*|couple/.*)\.[ch]$$' --branches --print-summary \
 	    --fail-under-line 100 --fail-under-branch 95 build/cov/firmware | tee build/coverage/summary.txt
 
 .PHONY: pictures

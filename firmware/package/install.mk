@@ -10,7 +10,7 @@ DESTDIR ?= $(if $(QUICK),$(OUT)/install)
 
 PACKAGE := firmware/package
 INSTALLED := build/install
-PUBLIC_H := firmware/crease.h firmware/servo.h firmware/config.h
+PUBLIC_H := firmware/crease.h firmware/servo.h firmware/couple.h firmware/config.h
 MANUALS := $(patsubst $(PACKAGE)/man/%.in,%,$(wildcard $(PACKAGE)/man/*.in))
 
 # As the header has it. Before 1.0 a minor version may break the ABI, so it is part of the soname.
@@ -26,7 +26,7 @@ $(eval $(call VARIANT,install))
 # What the public headers declare is what the library exports.
 $(INSTALLED)/exports: $(PUBLIC_H)
 	@mkdir -p $(@D)
-	@printf '#include "crease.h"\n#include "servo.h"\n' | $(CC) -E -P -std=c11 -Ifirmware - | grep -o '\bcr_[a-z0-9_]*(' | tr -d '(' | sort -u >$@
+	@printf '#include "crease.h"\n#include "servo.h"\n#include "couple.h"\n' | $(CC) -E -P -std=c11 -Ifirmware - | grep -o '\bcr_[a-z0-9_]*(' | tr -d '(' | sort -u >$@
 
 $(INSTALLED)/crease.map: $(INSTALLED)/exports
 	@{ echo 'CREASE_$(SOVERSION) {'; echo 'global:'; sed 's/$$/;/' $<; echo 'local: *;'; echo '};'; } >$@

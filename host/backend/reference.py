@@ -22,7 +22,7 @@ from urllib.parse import unquote
 
 HOST = Path(__file__).resolve().parents[1]
 ROOT = HOST.parent
-HEADERS = ("crease.h", "servo.h", "config.h")
+HEADERS = ("crease.h", "servo.h", "couple.h", "config.h")
 TEXTS = (".github", "firmware", "host/crease", "host/docs", "meshes", "sim", "tests")
 PAGES = (
     *("README.md", "host/THIRD_PARTY.md"),

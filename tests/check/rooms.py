@@ -24,6 +24,7 @@ C_ROOMS: Rooms = {
     "firmware": (),
     "firmware/contact": ("firmware",),
     "firmware/servo": ("firmware", "firmware/contact"),
+    "firmware/couple": ("firmware", "firmware/contact"),
     "firmware/rivals": ("firmware/contact",),
     "firmware/port/linux": ("firmware", "firmware/servo"),
     "firmware/port/cortex-m7": ("firmware", "firmware/contact"),
@@ -53,7 +54,7 @@ PYTHON_ROOMS: Rooms = {
 
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 INCLUDE_FROM = [room for room in C_ROOMS if room.count("/") != 1 or room == "host/native"]
-"""Rooms whose headers are named alone; those of contact, servo and rivals are named with their room."""
+"""Rooms whose headers are named alone; those of contact, servo, couple and rivals are named with their room."""
 
 
 def c_arrows(root: Path) -> Iterator[tuple[Path, str, str]]:

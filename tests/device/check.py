@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from callgraph import CallGraphError, Chain, interrupted, read_graph, worst_chain
-from jobs import FIRMWARE_C, ROOT, STEPS, free_rows, golden_path_job, path_job, recording_job
+from jobs import COUPLE_C, FIRMWARE_C, ROOT, STEPS, free_rows, golden_path_job, path_job, recording_job
 from loops import golden_recording
 from runs import BUILD, DEVICES, CheckError, Run, build_counter, command, read_line, run_device
 from worst import BOARD_LOOKUPS, dearer, measure, read_poses
@@ -125,6 +125,12 @@ def library_objects(build: str) -> list[Path]:
     return [made / source.relative_to(ROOT).with_suffix(".o") for source in FIRMWARE_C]
 
 
+def couple_objects(build: str) -> list[Path]:
+    """Objects of libcouple.a, the coupling's library of a device build."""
+    made = ROOT / "build" / build
+    return [made / source.relative_to(ROOT).with_suffix(".o") for source in COUPLE_C]
+
+
 def allowed_symbols() -> dict[str, int]:
     """Symbols that the firmware may take from outside, and the stack that they use."""
     with (ROOT / "tests/check/undefined.csv").open(encoding="ascii") as file:
@@ -150,28 +156,30 @@ def undefined_symbols(
 def check_symbols(build: str, breaches: Breaches) -> None:
     """Every symbol from outside is in the list."""
     allowed = allowed_symbols()
-    for path, names in undefined_symbols(library_objects(build)).items():
+    for path, names in undefined_symbols(library_objects(build) + couple_objects(build)).items():
         for name in sorted(set(names) - allowed.keys()):
             breaches.add(
                 f"{build}: {path} needs {name}, which tests/check/undefined.csv does not allow"
             )
 
 
-def code_bytes(build: str) -> int:
-    """Flash of the library: code and constants of all its objects."""
-    lines = command(["arm-none-eabi-size", *library_objects(build)]).splitlines()[1:]
+def code_bytes(objects: list[Path]) -> int:
+    """Flash of a library: code and constants of all its objects."""
+    lines = command(["arm-none-eabi-size", *objects]).splitlines()[1:]
     return sum(int(line.split()[0]) + int(line.split()[1]) for line in lines)
 
 
 def static_bytes(build: str) -> int:
-    """Variables that the library itself has: none, all memory is the caller's."""
-    lines = command(["arm-none-eabi-size", *library_objects(build)]).splitlines()[1:]
+    """Variables that the libraries themselves have: none, all memory is the caller's."""
+    objects = [*library_objects(build), *couple_objects(build)]
+    lines = command(["arm-none-eabi-size", *objects]).splitlines()[1:]
     return sum(int(line.split()[1]) + int(line.split()[2]) for line in lines)
 
 
 def stack_of(build: str) -> Chain:
-    """The worst chain of the library.   Errors: CallGraphError."""
-    files = [path.with_suffix(".ci") for path in library_objects(build)]
+    """The worst chain of the libraries.   Errors: CallGraphError."""
+    objects = [*library_objects(build), *couple_objects(build)]
+    files = [path.with_suffix(".ci") for path in objects]
     return worst_chain(read_graph(files, allowed_symbols()))
 
 
@@ -203,7 +211,8 @@ def combined(runs: dict[str, Run]) -> str:
 def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str, int]:
     """What budgets.csv can ask of a device build."""
     figures = {
-        "library code": code_bytes(build),
+        "library code": code_bytes(library_objects(build)),
+        "code of the coupling": code_bytes(couple_objects(build)),
         "variables of the library": static_bytes(build),
         "state of the world": max(
             run.figures["state"] for name, run in runs.items() if name != LOOP

@@ -16,6 +16,8 @@ FIRMWARE_C = [
     p for room in ("contact", "servo") for p in sorted((ROOT / "firmware" / room).glob("*.c"))
 ]
 """All that a device library is made of."""
+COUPLE_C = sorted((ROOT / "firmware/couple").glob("*.c"))
+"""And the one beside it."""
 PATH, RECORDING, STEPS = 0, 1, 2
 _CONFIG_AT = 64
 _ALIGN = 64

@@ -32,7 +32,11 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 # Runs once, at set-up: small, not fast.
 build/$(1)/firmware/contact/scene.o: LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 
-build/$(1)/libcrease.a: $(FIRMWARE_C:%.c=build/$(1)/%.o)
+build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
+	@rm -f $$@
+	@$(ARM)ar rcs $$@ $$^
+
+build/$(1)/libcouple.a: $(COUPLE_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@$(ARM)ar rcs $$@ $$^
 
@@ -62,11 +66,11 @@ build/m7/loop.elf: $(LOOP_C:%.c=build/m7/%.o) build/m7/libcrease.a $(CORTEX)/mps
 build/.device: FORCE
 	$(call APT_INSTALL,$(APT_DEVICE))
 
-firmware-m7: build/.device build/scenes/.stamp build/m7/replay.elf build/m7/controller.elf ## library and images for the Cortex-M7, with their sizes
-firmware-m4f: build/.device build/m4f/replay.elf ## the same for the Cortex-M4 with FPU
-firmware-m55: build/.device build/m55/replay.elf ## the same for the Cortex-M55
+firmware-m7: build/.device build/scenes/.stamp build/m7/replay.elf build/m7/controller.elf build/m7/libcouple.a ## library and images for the Cortex-M7, with their sizes
+firmware-m4f: build/.device build/m4f/replay.elf build/m4f/libcouple.a ## the same for the Cortex-M4 with FPU
+firmware-m55: build/.device build/m55/replay.elf build/m55/libcouple.a ## the same for the Cortex-M55
 firmware-m7 firmware-m4f firmware-m55: firmware-%:
-	@$(ARM)size -t build/$*/libcrease.a
+	@$(ARM)size -t build/$*/libcrease.a build/$*/libcouple.a
 	@$(ARM)size build/$*/*.elf
 
 check-device: build/.develop build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
