@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -104,6 +107,39 @@ def test_an_output_that_another_writes_is_refused_and_nothing_is_lost(
     os.close(held)
     assert crease(*args).status == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.crs", "out.crs.glb"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bake_that_is_interrupted_leaves_nothing(
+    tmp_path: Path, ball_stl: Path, number: signal.Signals
+) -> None:
+    """SIGTERM left the lock of the output, and libraries swallowed SIGINT while they were imported."""
+    command = [Path(sys.executable).parent / "crease", *bake_args(tmp_path, ball_stl, ball_stl)]
+    child = subprocess.Popen(
+        [str(word) for word in (*command, "--spacing", "0.3mm")], stderr=subprocess.PIPE
+    )
+    while child.poll() is None and not (tmp_path / ".out.crs.lock").exists():
+        time.sleep(0.01)
+    time.sleep(2.0)
+    child.send_signal(number)
+    said = child.communicate(timeout=120)[1]
+    assert (child.returncode, said) == (1, b"error: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_the_same_bytes_with_any_number_of_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    ball = trimesh.creation.icosphere(4, radius=20.0)
+    other = ball.copy().apply_translation([9.0, 4.0, 2.0])
+    both = trimesh.util.concatenate([ball, other])
+    images = set()
+    for threads in (1, 2, 5):
+        for module in ("bake.surface", "bake.cells", "mesh.arrange"):
+            monkeypatch.setattr(f"crease.{module}.THREADS", threads)
+        meshes = [make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball)]
+        images.add(bake_scene(*meshes, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image)
+    assert len(images) == 1
 
 
 def test_a_truncated_stl_says_what_it_holds(

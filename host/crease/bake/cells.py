@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from crease.bake.surface import Surface
+from crease.bake.surface import THREADS, Surface
 from crease.bake.vectors import F64, I64, unit
 
 DENSE_PER_SAMPLE = 24
@@ -74,7 +74,7 @@ def relax(points: F64, areas: F64, patch: int, spacing_m: float) -> Cells:
     label = label.reshape(-1)
     for _ in range(LLOYD_STEPS):
         sites = _means(lifted, weight, label)
-        _, label = cKDTree(sites).query(lifted, workers=2)
+        _, label = cKDTree(sites).query(lifted, workers=THREADS)
         _, label = np.unique(label, return_inverse=True)
     count = int(label.max()) + 1
     middle = _means(points, weight, label)

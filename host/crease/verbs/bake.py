@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import signal
+import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -112,18 +116,24 @@ def run(args: argparse.Namespace) -> None:
     from crease.base.scene import meshes_path
 
     check_suffix(args.output, (".crs",))
-    with claim(args.output):
+    with _interruptible() as check, claim(args.output):
         check_target(args.output, args.force, (args.static, args.tool))
         check_target(meshes_path(args.output), args.force)
         start_s = time.monotonic()
         with Progress() as progress:
-            static, tool = read_meshes(args, progress)
+
+            def report_part(label: str, part: float) -> None:
+                check()
+                progress(label, part)
+
+            static, tool = read_meshes(args, report_part)
             warnings = [*static.warnings, *tool.warnings]
             warn(warnings)
-            result = bake_scene(static, tool, bake_options(args), progress)
+            result = bake_scene(static, tool, bake_options(args), report_part)
         warn(result.warnings)
         if args.strict and result.warnings:
             raise MeshError(f"{result.warnings[0]}; --strict refuses that")
+        check()
         bodies = write_bodies(args.output, static, tool)
         write_bytes(args.output, result.image)
     report = {
@@ -140,7 +150,36 @@ def run(args: argparse.Namespace) -> None:
         print_report(report)
 
 
-def read_meshes(args: argparse.Namespace, progress: Progress) -> tuple[Mesh, Mesh]:
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], None]]:
+    """Within this, SIGTERM ends the work as SIGINT does: what was begun is taken away.
+
+    Output: to be called now and then: libraries swallow an interrupt that comes while they are imported.
+    """
+    heard: list[int] = []
+
+    def hear(number: int, _: object) -> None:
+        heard.append(number)
+        raise KeyboardInterrupt
+
+    def check() -> None:
+        if heard:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield check
+        return
+    before = {number: signal.signal(number, hear) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def read_meshes(
+    args: argparse.Namespace, progress: Callable[[str, float], None]
+) -> tuple[Mesh, Mesh]:
     """STATIC and TOOL of the command line.   Errors: MeshError."""
     from crease.mesh.mesh import CHORD_M, load_mesh
 
