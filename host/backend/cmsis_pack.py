@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = ROOT / "firmware/package/crease.pdsc.in"
 NAME = "crease.crease"
-ROOMS = ("contact", "servo")
+ROOMS = ("contact", "servo", "couple")
 """Of firmware/: all their sources are the library, as for `make`, Zephyr and PlatformIO."""
 PAGES = (
     "CHANGELOG.md",
@@ -24,6 +24,7 @@ PAGES = (
     "contact/DESIGN.md",
     "servo/DESIGN.md",
     "servo/SPEC.md",
+    "couple/DESIGN.md",
 )
 
 

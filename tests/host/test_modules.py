@@ -175,11 +175,12 @@ def test_a_zephyr_application_feels_what_python_feels(
 @pytest.mark.slow
 def test_settings_of_zephyr_reach_library_and_application(tmp_path: Path) -> None:
     checked = '_Static_assert(CR_AREAS_MAX == 4 && CR_CLUSTERS_MAX == 64, "");\nint main'
-    conf = "CONFIG_CREASE=y\n# CONFIG_CREASE_SERVO is not set\n"
+    conf = "CONFIG_CREASE=y\n# CONFIG_CREASE_SERVO is not set\n# CONFIG_CREASE_COUPLE is not set\n"
     conf += "CONFIG_CREASE_AREAS_MAX=4\nCONFIG_CREASE_CLUSTERS_MAX=64\n"
     build_zephyr(tmp_path, conf, PROGRAM.replace("int main", checked))
     commands = (tmp_path / "b/compile_commands.json").read_text("utf-8")
     assert "/servo/" not in commands
+    assert "couple/descend.c" not in commands
     assert commands.count("CR_AREAS_MAX=4") == commands.count('"command"')
 
 
@@ -323,7 +324,7 @@ def test_the_description_of_the_pack_is_whole(pack: Path) -> None:
     conditions = {c.attrib["id"] for c in root.iterfind("conditions/condition")}
     components = list(root.iterfind("components/component"))
     assert {c.attrib["condition"] for c in components} <= conditions
-    assert [c.attrib["Csub"] for c in components] == ["Contact", "Servo"]
+    assert [c.attrib["Csub"] for c in components] == ["Contact", "Servo", "Couple"]
     assert all(c.attrib["Cversion"] == VERSION for c in components)
 
 
@@ -341,7 +342,7 @@ def test_every_build_system_sets_the_options_that_keep_the_bits_or_asks_for_them
         root.findtext("description"),
         *(d.text for d in root.iterfind(".//component/description")),
     ]
-    assert len(told) == 3
+    assert len(told) == 4
     for words in told:
         assert [flag for flag in needed if flag not in (words or "")] == []
     (row,) = (
