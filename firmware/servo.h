@@ -1,7 +1,7 @@
 /* servo: one period of the device. Frames of the motor bus in, frames of the motor bus out.
  *
  * Flow     cr_servo_init; then each period: cr_servo_sync -> send; cr_servo_rx for what arrives; cr_servo_tick -> send; with late_max_ticks above 0
- *          also cr_servo_search, in a thread of its own or wherever the loop waits.
+ *          also cr_servo_search, in a thread of its own or in a main loop that the other calls interrupt.
  *          SYNC k samples the drives; the torque computed from that sample acts from SYNC k+1 to SYNC k+2.
  * Memory   the caller's: cr_servo_size bytes, 64-byte aligned. Holds the servo and its world. No heap.
  * Threads  none inside: all calls from the one thread of the loop, except the reading end of the record ring and cr_servo_search.
@@ -359,7 +359,7 @@ void cr_servo_tick(cr_servo *servo, uint64_t now_ns, float period_s, cr_tx *tx);
 
 /* Purpose  with late_max_ticks above 0: one slice of the search for contact at the newest pose, beside the ticks.
  * Units    work: as of cr_search.   Output  work done; 0: nothing to do before the next tick.
- * Threads  one other thread, or the thread of the loop where it would wait. Neither waits for the other. */
+ * Threads  one other thread, or a main loop that all other calls interrupt. Neither waits for the other. */
 uint32_t cr_servo_search(cr_servo *servo, uint32_t work);
 
 /* Purpose  CR_COMMAND_* and CR_INPUT_* bits for the next tick. START counts in idle only, CLEAR in fault only. */

@@ -15,6 +15,11 @@ _NODE = re.compile(r'^node: \{ title: "([^"]*)" label: "([^"]*)"', re.MULTILINE)
 _EDGE = re.compile(r'^edge: \{ sourcename: "([^"]*)" targetname: "([^"]*)"', re.MULTILINE)
 _FRAME = re.compile(r"(\d+) bytes \(([a-z,]+)\)")
 INDIRECT = "__indirect_call"
+EXCEPTION_BYTES = 112
+"""What an interrupt puts on the stack itself: 26 words, floating-point registers among them, and one to align.
+
+Source: Arm DDI0403, B1.5.7.
+"""
 
 
 class CallGraphError(Exception):
@@ -102,3 +107,25 @@ def worst_chain(graph: Graph) -> Chain:
     """The worst chain from any function.   Errors: CallGraphError for recursion anywhere."""
     chains = [deepest(graph, function) for function in sorted(graph.frame_bytes)]
     return max(chains, key=lambda chain: chain.bytes)
+
+
+def named(graph: Graph, name: str) -> str:
+    """The function of this name.   Errors: CallGraphError when there is none, or more."""
+    found = [f for f in graph.frame_bytes if short_name(f) == name]
+    if len(found) != 1:
+        raise CallGraphError(f"{len(found)} functions are called {name}")
+    return found[0]
+
+
+def interrupted(graph: Graph, below: str, above: str, never: str) -> tuple[Chain, Chain]:
+    """The worst chains of what is interrupted and of the interrupt over it, the processor's own frame in the second.
+
+    never: a function that the interrupt does not call as it is set up.   Errors: CallGraphError.
+    """
+    cut = named(graph, never)
+    calls = {function: targets - {cut} for function, targets in graph.calls.items()}
+    over = deepest(Graph(graph.frame_bytes, calls), named(graph, above))
+    entry = ("exception", EXCEPTION_BYTES)
+    return deepest(graph, named(graph, below)), Chain(
+        over.bytes + EXCEPTION_BYTES, (entry, *over.functions)
+    )

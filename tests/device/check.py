@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from callgraph import CallGraphError, Chain, read_graph, worst_chain
+from callgraph import CallGraphError, Chain, interrupted, read_graph, worst_chain
 from jobs import FIRMWARE_C, ROOT, STEPS, free_rows, golden_path_job, path_job, recording_job
 from loops import golden_recording
 from runs import BUILD, DEVICES, CheckError, Run, build_counter, command, read_line, run_device
@@ -173,6 +173,22 @@ def stack_of(build: str) -> Chain:
     """The worst chain of the library.   Errors: CallGraphError."""
     files = [path.with_suffix(".ci") for path in library_objects(build)]
     return worst_chain(read_graph(files, allowed_symbols()))
+
+
+LOOP_OF_BOARD = ("controller", "stm32h743", "fdcan")
+"""Files of the port that are the loop of the STM32H743: startup.c has the handlers of those that have none."""
+
+
+def stack_of_board() -> tuple[Chain, Chain]:
+    """The main loop of the STM32H743 and its interrupt over it: a servo that searches beside its ticks never calls
+    cr_tick.   Errors: CallGraphError.
+    """
+    port = ROOT / "build" / "m7" / "firmware" / "port" / "cortex-m7"
+    files = [path.with_suffix(".ci") for path in library_objects("m7")]
+    files += [port / f"{name}.ci" for name in LOOP_OF_BOARD]
+    return interrupted(
+        read_graph(files, allowed_symbols()), "main", "board_systick", never="cr_tick"
+    )
 
 
 def combined(runs: dict[str, Run]) -> str:
@@ -452,6 +468,10 @@ def main() -> int:
                     c for f, c in zip(found, costs, strict=True) if f.lookups == BOARD_LOOKUPS
                 ]
                 figures[build]["tick of the worst poses found"] = max(of_board)
+                loop, interrupt = stack_of_board()
+                figures[build]["stack of the loop with its interrupt"] = (
+                    loop.bytes + interrupt.bytes
+                )
             check_budgets(build, figures[build], budgets, breaches)
         stack = stack_of("m7")
     except (CheckError, CallGraphError) as error:
@@ -468,9 +488,12 @@ def main() -> int:
     print(f"largest share of the bound of the tick: {max(bounds.values()):.2f}")
     print()
     print_functions(runs["m7"][CUBE])
-    print(
-        f"deepest calls, {stack.bytes} bytes: " + " > ".join(f"{n} {b}" for n, b in stack.functions)
-    )
+    for what, chain in {
+        "deepest calls": stack,
+        "under the board's interrupt": loop,
+        "and in it": interrupt,
+    }.items():
+        print(f"{what}, {chain.bytes} bytes: " + " > ".join(f"{n} {b}" for n, b in chain.functions))
     print()
     print_budgets(figures["m7"], [row for row in budgets if row["build"] == "m7"])
     for line in breaches.lines:

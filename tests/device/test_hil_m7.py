@@ -17,8 +17,9 @@ from crease.bus.drives import Fault
 from crease.loop.hil import Loop
 from crease.replay.recording import Recording
 
-REPORT = {"ticks": 2400, "frames_lost": 0, "faults_done": 40}
-IDLE_SEEN, FAULT_SEEN, RENDER_TICKS = 20, 30, 100
+REPORT = {"ticks": 2400, "frames_lost": 0, "faults_done": 40, "stack_bytes": 4000}
+IDLE_SEEN, FAULT_SEEN = 20, 30
+ONCE, ALWAYS, HELD_UP_NS = 100, 120, 1_000_000
 TICKS_MAX = 4000
 
 
@@ -29,7 +30,10 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def good(scene: Scene) -> Recording:
-    """Drives up, contact, drive Y silent, cleared, contact again: the hand does not move from inside the corner."""
+    """Drives up, contact, drive Y silent, cleared, contact again, held up once, then three times.
+
+    The hand does not move from inside the corner.
+    """
     loop = Loop(scene, faults=[Fault("silent", tick=1285, ticks=20, axis=m7.SILENT_AXIS)])
     rendering = (int(lib.CR_MODE_RENDERING), int(lib.CR_MODE_LIMITED))
     commands = {
@@ -37,16 +41,19 @@ def good(scene: Scene) -> Recording:
         int(lib.CR_MODE_FAULT): (FAULT_SEEN, int(lib.CR_COMMAND_CLEAR)),
     }
     ticks, last, starts = 0, -1, 0
+    period_ns = int(loop._clock.period_ns)
     for _ in range(TICKS_MAX):
+        held_up = starts == 2 and last == rendering[0] and (ticks == ONCE or ticks >= ALWAYS)
+        loop._clock.period_ns = period_ns + (HELD_UP_NS if held_up else 0)
         loop.tick()
         mode = rendering[0] if loop.mode in rendering else loop.mode
         ticks, last = (ticks + 1, mode) if mode == last else (0, mode)
         due, command = commands.get(mode, (-1, 0))
+        if starts == 2 and mode == lib.CR_MODE_FAULT and ticks == FAULT_SEEN:
+            break
         if ticks == due:
             loop.command(command)
             starts += command == lib.CR_COMMAND_START
-        if starts == 2 and mode == rendering[0] and ticks == RENDER_TICKS:
-            break
     return loop.result(0).recording
 
 
@@ -99,6 +106,53 @@ def test_drive_that_is_not_enabled_is_found(good: Recording, scene: Scene) -> No
 def test_frames_lost_at_the_drives_are_found(good: Recording, scene: Scene) -> None:
     (text,) = failing(good, scene, {**REPORT, "frames_lost": 1})
     assert "1 frames lost" in text
+
+
+def late_tick(recording: Recording, which: int) -> int:
+    return int(m7.late_ticks(recording)[which])
+
+
+def test_torque_that_is_not_held_is_found(good: Recording, scene: Scene) -> None:
+    tick = late_tick(good, 0)
+    torque = 0.5 * good.rows["torque"][tick]
+    assert any(
+        "torque held," in text for text in failing(changed(good, "torque", tick, torque), scene)
+    )
+
+
+def test_torque_that_is_not_halved_is_found(good: Recording, scene: Scene) -> None:
+    tick = late_tick(good, 2)
+    torque = good.rows["torque"][tick - 1].copy()
+    assert any(
+        "held, halved" in text for text in failing(changed(good, "torque", tick, torque), scene)
+    )
+
+
+def test_torque_after_three_late_ticks_is_found(good: Recording, scene: Scene) -> None:
+    said = failing(changed(good, "target", late_tick(good, 3) + 5, (1, 0, 0)), scene)
+    assert any("zero torque" in text for text in said)
+
+
+def test_run_that_was_not_held_up_is_found(good: Recording, scene: Scene) -> None:
+    said = failing(replace(good, rows=good.rows[: late_tick(good, 0)]), scene)
+    assert any("0 late ticks" in text for text in said)
+
+
+def test_sync_that_comes_late_is_found(good: Recording, scene: Scene) -> None:
+    tick = fault_tick(good) - 20
+    said = failing(changed(good, "sync_ns", tick, good.rows["sync_ns"][tick] + 20_000), scene)
+    assert any("us off at most" in text for text in said)
+
+
+def test_stack_beyond_its_room_is_found(good: Recording, scene: Scene) -> None:
+    (text,) = failing(good, scene, {**REPORT, "stack_bytes": 9000})
+    assert "9,000 bytes of stack" in text
+
+
+def test_slow_core_has_older_contact_and_the_same_periods(good: Recording, scene: Scene) -> None:
+    said = [outcome.text for outcome in m7.judge_slow(good, scene, REPORT) if not outcome.holds]
+    assert len(said) == 1, "this one searches in its ticks"
+    assert "ticks old" in said[0]
 
 
 def test_record_that_is_missing_is_found(good: Recording, scene: Scene) -> None:

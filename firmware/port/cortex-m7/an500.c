@@ -1,28 +1,28 @@
-/* an500: board.h and can.h on QEMU's mps2-an500, a Cortex-M7, so that the whole loop of controller.c runs: `make hil-m7`. CAN is slcan on
- * UART 0, the records go to a file of the emulator's machine, and the operator is a script. It checks what the loop does, not how fast.
+/* an500: board.h and can.h on QEMU's mps2-an500, a Cortex-M7, so that controller.c runs as it is: `make hil-m7`. CAN is slcan on UART 0, whose interrupt
+ * stands for the FIFO of a CAN controller; the records go to a file of the emulator's machine, and the operator is a script.
  *
- * Interrupts stay masked: a pending one ends the sleep and is asked for, so that nothing interrupts the loop here either. Time is counted
- * in steps of SysTick, SLOWER than the emulator's: a character takes the emulator and its host some microseconds, a period brings a
- * hundred, and their number must not matter. What the drives time by their own clock is as much slower. Sources: Arm DAI0400 (UART, IRQ 0), DDI0403 (SysTick, NVIC). */
+ * QEMU runs with -icount shift=3, 8 ns to an instruction, and a second of the device is SLOWER seconds of the emulator: 480 million instructions. Slower, since a
+ * character takes the emulator and its host some microseconds, a period brings a hundred, and their number must not matter. What the drives time by their own
+ * clock is as much slower. Sources: Arm DAI0400 (UART, IRQ 0; FPGA counter), DDI0403 (SysTick, NVIC). */
 #include "board.h"
 #include "can.h"
 #include "contact/image.h"
 #include "semihost.h"
 #include "slcan.h"
 
-#define SLOWER 4u
-#define STEP_NS 200000u
-#define STEPS_PER_PERIOD 5u
-#define STEP_CYCLES (SLOWER * STEP_NS / 40u) /* of 25 MHz */
-/* How long the other end may take to open the channel, or to take a character. */
-#define OPEN_STEPS 50000u
-#define SEND_STEPS 100u
-#define CLOSE_STEPS 50000u
+/* 3.84: eight ns of the emulator are one cycle of 480 MHz. Of its clock, 25 MHz, a slot has so many, and one is so many ns of the device. */
+#define SLOWER 4u /* rounded up, for timeouts */
+#define SLOT_CYCLES (BOARD_SLOT_NS * 12u / 125u)
+/* Frames that have come and not been taken: as the CAN controller of the device. */
+#define FRAMES_MAX 64u
 
 /* The operator, in ticks. */
-#define IDLE_SEEN 20u    /* before a start */
-#define FAULT_SEEN 30u   /* before the fault is cleared */
-#define LAST_RENDER 100u /* after the second start */
+#define IDLE_SEEN 20u  /* before a start */
+#define FAULT_SEEN 30u /* before the first fault is cleared, and after the second the end */
+/* After the second start: the interrupt is held up in one tick, later in three in a row, each time for longer than a tick may be late. */
+#define HELD_UP_ONCE 100u
+#define HELD_UP_ALWAYS 120u
+#define HELD_UP_NS 1750000u
 #define TICKS_MAX 10000u /* a loop that takes longer has failed */
 
 #define RECORD_FILE "m7.crr"
@@ -38,40 +38,34 @@
 #define CTRL_TX_RX_AND_RX_INTERRUPT 0xBu
 #define INT_RX 2u
 #define UART_IRQ 1u /* << 0 */
+#define FPGA_COUNTER REG(0x40028018u)
 #define SYSTICK_CTRL REG(0xE000E010u)
 #define SYSTICK_LOAD REG(0xE000E014u)
 #define SYSTICK_NOW REG(0xE000E018u)
 #define NVIC_ISER0 REG(0xE000E100u)
-#define NVIC_ICER0 REG(0xE000E180u)
-#define NVIC_ICPR0 REG(0xE000E280u)
-#define SCB_ICSR REG(0xE000ED04u)
-#define ICSR_SYSTICK_PENDS (1u << 26)
-#define ICSR_SYSTICK_CLEAR (1u << 25)
 
 extern const uint8_t _scene_start[];
 
 static slcan line;
-static uint64_t steps, due;
-static uint32_t unsent;
+static cr_frame frames[FRAMES_MAX];
+static uint32_t frames_in, frames_out, frames_lost, unsent, cycles_before, cycles_over;
+static uint64_t whole_ns;
 static int file;
 
-static uint64_t step_now(void) {
-    if ((SCB_ICSR & ICSR_SYSTICK_PENDS) != 0u) {
-        SCB_ICSR = ICSR_SYSTICK_CLEAR;
-        steps++;
+/* What came over the line. The clock's interrupt, which takes the frames, neither interrupts this nor is interrupted by it. */
+void board_irq0(void) {
+    cr_frame frame;
+    UART_INT = INT_RX; /* before the look: a character that comes after it is pending again */
+    while ((UART_STATE & STATE_RX_FULL) != 0u) {
+        if (!slcan_read(&line, (char)UART_DATA, &frame)) {
+            continue;
+        }
+        if (frames_in - frames_out == FRAMES_MAX) {
+            frames_lost++;
+        } else {
+            frames[frames_in++ % FRAMES_MAX] = frame;
+        }
     }
-    return steps;
-}
-
-/* A character that nobody takes would end the sleep at once, again and again. */
-static void sleep_for_clock(void) {
-    NVIC_ICER0 = UART_IRQ;
-    __asm volatile("dsb\n wfi" ::: "memory");
-}
-
-void can_wait(void) {
-    NVIC_ISER0 = UART_IRQ;
-    __asm volatile("dsb\n wfi" ::: "memory");
 }
 
 cr_servo_config board_settings(void) {
@@ -94,36 +88,43 @@ static int start_record(void) {
 
 int board_start(void) {
     __asm volatile("cpsid i" ::: "memory");
-    SYSTICK_LOAD = STEP_CYCLES - 1u;
-    SYSTICK_NOW = 0u;
-    SYSTICK_CTRL = 7u;
+    cycles_before = FPGA_COUNTER;
     return start_record();
 }
 
-uint64_t board_due_ns(void) { return due * STEP_NS; }
-
-uint32_t board_wait_period(void) {
-    while (step_now() < due) {
-        sleep_for_clock();
-    }
-    const uint32_t slept_over = (uint32_t)(steps - due) / STEPS_PER_PERIOD;
-    due += (uint64_t)(1u + slept_over) * STEPS_PER_PERIOD;
-    return slept_over;
+void board_begin(void) {
+    SYSTICK_LOAD = SLOT_CYCLES - 1u;
+    SYSTICK_NOW = 0u;
+    SYSTICK_CTRL = 7u;
+    __asm volatile("cpsie i" ::: "memory");
 }
 
-uint64_t board_now_ns(void) { return step_now() * STEP_NS; }
-
-/* Says that it is through, and waits for the other end: a line that hangs up takes the interface away from under the drives. */
-_Noreturn static void end(uint32_t why) {
-    cr_frame none;
-    const uint64_t until = step_now() + CLOSE_STEPS;
-    semihost_close(file);
-    semihost_print("the loop has ended\n");
-    while (line.open && step_now() < until) {
-        (void)can_receive(&none);
-        can_wait();
+void board_sleep(const volatile uint32_t *slots, uint32_t seen) {
+    __asm volatile("cpsid i" ::: "memory"); /* wfi wakes all the same, and no interrupt slips in before it */
+    if (*slots == seen) {
+        __asm volatile("dsb\n wfi" ::: "memory");
     }
-    board_stop(line.open ? BOARD_STOP_FAILED : why);
+    __asm volatile("cpsie i" ::: "memory");
+}
+
+uint64_t board_now_ns(void) {
+    const uint32_t now = FPGA_COUNTER, passed = now - cycles_before + cycles_over;
+    cycles_before = now;
+    cycles_over = passed % 12u; /* 12 cycles are 125 ns of the device */
+    whole_ns += (uint64_t)(passed / 12u) * 125u;
+    return whole_ns + cycles_over * 125u / 12u;
+}
+
+/* Says how it went, and stands still in the clock's interrupt, which nothing else interrupts: an emulator that ended would take the interface away from under
+ * the drives. */
+_Noreturn static void end(int failed) {
+    semihost_close(file);
+    semihost_print(failed ? "the loop has failed: stack " : "the loop has ended: stack ");
+    semihost_print_decimal(board_stack_used());
+    semihost_print("\n");
+    for (;;) {
+        __asm volatile("wfi" ::: "memory");
+    }
 }
 
 /* Ticks that the loop has been in this mode; a limit that acts is no other mode. */
@@ -135,18 +136,26 @@ static uint32_t ticks_in(uint32_t mode) {
     return ticks;
 }
 
+/* A flash that stalls, interrupts of somebody else. */
+static void hold_up(void) {
+    const uint64_t until_ns = board_now_ns() + HELD_UP_NS;
+    while (board_now_ns() < until_ns) {
+        /* nothing runs but this */
+    }
+}
+
 uint32_t board_commands(uint32_t mode) {
-    static uint32_t starts, stopping;
+    static uint32_t starts;
     const uint32_t ticks = ticks_in(mode);
     const int rendering = mode == CR_MODE_RENDERING || mode == CR_MODE_LIMITED;
-    if (stopping > 0u || (rendering && starts == 2u && ticks >= LAST_RENDER)) {
-        if (++stopping > 3u) {
-            end(line.refused == 0u && unsent == 0u ? BOARD_STOP_DONE : BOARD_STOP_FAILED);
-        }
-        return stopping == 1u ? CR_COMMAND_STOP : CR_COMMAND_OFF;
+    if (rendering && starts == 2u && (ticks == HELD_UP_ONCE || ticks >= HELD_UP_ALWAYS)) {
+        hold_up();
     }
-    if (mode == CR_MODE_FAULT) {
-        return ticks == FAULT_SEEN ? CR_COMMAND_CLEAR : 0u;
+    if (mode == CR_MODE_FAULT && ticks == FAULT_SEEN) {
+        if (starts == 2u) {
+            end(line.refused + frames_lost + unsent > 0u);
+        }
+        return CR_COMMAND_CLEAR;
     }
     if (mode == CR_MODE_IDLE && ticks == IDLE_SEEN) {
         starts++;
@@ -157,30 +166,24 @@ uint32_t board_commands(uint32_t mode) {
 
 void board_keep(const cr_record *record) {
     if (semihost_write(file, record, sizeof *record) != 0 || record->tick >= TICKS_MAX) {
-        end(BOARD_STOP_FAILED);
+        end(1);
     }
 }
 
 int can_start(void) {
-    cr_frame none;
     UART_BAUDDIV = 16u; /* the fastest; the emulator sends at once */
     UART_CTRL = CTRL_TX_RX_AND_RX_INTERRUPT;
-    while (!line.open && step_now() < OPEN_STEPS) {
-        (void)can_receive(&none);
-        can_wait();
+    NVIC_ISER0 = UART_IRQ;
+    while (!line.open) {
+        __asm volatile("dsb\n wfi\n cpsie i\n isb\n cpsid i" ::: "memory");
     }
-    due = steps + STEPS_PER_PERIOD;
-    return line.open ? 0 : -1;
+    return 0;
 }
 
 int can_send(const cr_frame *frame) {
     char text[SLCAN_LINE_MAX];
     const uint32_t size = slcan_write(frame, text);
     for (uint32_t i = 0; i < size; i++) {
-        const uint64_t until = step_now() + SEND_STEPS;
-        while ((UART_STATE & STATE_TX_FULL) != 0u && step_now() < until) {
-            sleep_for_clock();
-        }
         if ((UART_STATE & STATE_TX_FULL) != 0u) {
             unsent++;
             return -1;
@@ -191,18 +194,14 @@ int can_send(const cr_frame *frame) {
 }
 
 int can_receive(cr_frame *frame) {
-    /* Before the look: a character that comes after it is pending again. */
-    UART_INT = INT_RX;
-    NVIC_ICPR0 = UART_IRQ;
-    while ((UART_STATE & STATE_RX_FULL) != 0u) {
-        if (slcan_read(&line, (char)UART_DATA, frame)) {
-            return 1;
-        }
+    if (frames_out == frames_in) {
+        return 0;
     }
-    return 0;
+    *frame = frames[frames_out++ % FRAMES_MAX];
+    return 1;
 }
 
-/* A serial line is never off the bus, and holds back what it has no room for. */
+/* A serial line is never off the bus. */
 int can_was_off(void) { return 0; }
-uint32_t can_lost(void) { return line.refused; }
+uint32_t can_lost(void) { return line.refused + frames_lost; }
 void can_stop(void) { UART_CTRL = 0u; }

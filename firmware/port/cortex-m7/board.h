@@ -1,4 +1,4 @@
-/* What the port asks of a board: time, a 1 kHz pace, a switch, a way to stop. One file of the port implements it for each board. */
+/* What the port asks of a board: time, a pace, a switch, a way to stop. One file of the port implements it for each board. */
 #ifndef CORTEX_BOARD_H
 #define CORTEX_BOARD_H
 
@@ -15,8 +15,16 @@
  *          its heartbeat, go to zero torque by themselves; in an emulator the program ends with this status. */
 _Noreturn void board_stop(uint32_t why);
 
-/* SysTick's exception. */
+/* The clock's interrupt comes so often, and so often in a period of the servo. */
+#define BOARD_SLOT_NS 100000u
+#define BOARD_SLOTS 10u
+#define BOARD_PERIOD_NS (BOARD_SLOTS * BOARD_SLOT_NS)
+
+/* The clock's interrupt, SysTick: controller.c. A program that has none stops there. */
 void board_systick(void);
+
+/* The first peripheral's interrupt, of the same priority: neither interrupts the other. A program that has none stops there. */
+void board_irq0(void);
 
 /* How many ticks old the contact may be that is searched for beside them. */
 #define BOARD_LATE_MAX_TICKS 50u
@@ -24,23 +32,23 @@ void board_systick(void);
 /* Purpose  the device behind this board, and how the loop runs it. */
 cr_servo_config board_settings(void);
 
-/* Purpose  clocks, pins, watchdog; the pace begins.   Output  0; -1: a clock does not start. */
+/* Purpose  clocks, pins, watchdog.   Output  0; -1: a clock does not start. */
 int board_start(void);
 
-/* When the next period begins, by board_now_ns. */
-uint64_t board_due_ns(void);
+/* Purpose  from now on the clock's interrupt comes every BOARD_SLOT_NS. One that finds the last still running comes after it; more than one are one. */
+void board_begin(void);
 
-/* Purpose  sleep until the next period begins, and keep the watchdog quiet.   Output  periods that were slept over, 0 as a rule. */
-uint32_t board_wait_period(void);
+/* Purpose  of the main loop: sleep until an interrupt, unless *slots, which the clock's interrupt counts up, is no more what was seen. */
+void board_sleep(const volatile uint32_t *slots, uint32_t seen);
 
-/* Nanoseconds since board_start; never back. Asked at least once a second. */
+/* Nanoseconds since board_start; never back. Asked at least once a second; from the interrupt once that has begun. */
 uint64_t board_now_ns(void);
 
 /* Purpose  what the operator wants: CR_COMMAND_START when the switch goes on (CR_COMMAND_CLEAR in a fault), CR_COMMAND_STOP while it
  *          is off. */
 uint32_t board_commands(uint32_t mode);
 
-/* Purpose  the record of a tick, for whoever keeps it. */
+/* Purpose  the record of a tick, for whoever keeps it; the watchdog stays quiet for as long as they come. */
 void board_keep(const cr_record *record);
 
 /* Purpose  most bytes of stack used since reset. */

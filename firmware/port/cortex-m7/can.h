@@ -1,5 +1,5 @@
 /* The CAN controller as the loop sees it: frames out, frames in, nothing waits. One file of the port implements it: fdcan.c for an
- * STM32H7, an500.c with slcan.c for the UART of an emulated board. All calls from the loop. */
+ * STM32H7, an500.c with slcan.c for the UART of an emulated board. All calls from the clock's interrupt, but can_start. */
 #ifndef CORTEX_CAN_H
 #define CORTEX_CAN_H
 
@@ -15,9 +15,6 @@ int can_send(const cr_frame *frame);
 
 /* Purpose  the oldest frame that came.   Output  1: *frame; 0: none. */
 int can_receive(cr_frame *frame);
-
-/* Purpose  sleep until a frame may have come or the board's clock has moved; may come back at once. */
-void can_wait(void);
 
 /* Purpose  whether the controller has left the bus since last asked; it is brought back then. */
 int can_was_off(void);

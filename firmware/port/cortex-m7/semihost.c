@@ -23,9 +23,6 @@ _Noreturn void board_stop(uint32_t why) {
     }
 }
 
-/* Never taken: replays keep no pace, and an500.c masks it. */
-void board_systick(void) {}
-
 void semihost_print(const char *text) { ask(SYS_WRITE0, text); }
 
 void semihost_print_hex(uint64_t value, int digits) {

@@ -41,6 +41,10 @@ void reset(void) {
 
 void trap(void) { board_stop(BOARD_STOP_FAULT); }
 
+/* Of a program that has none. */
+__attribute__((weak)) void board_systick(void) { trap(); }
+__attribute__((weak)) void board_irq0(void) { trap(); }
+
 uint32_t board_stack_used(void) {
     const uint32_t *at = &_stack_bottom;
     while ((uintptr_t)at < (uintptr_t)&_stack_top && *at == BOARD_STACK_FILL) {
@@ -54,9 +58,9 @@ typedef union {
     void (*handler)(void);
 } vector;
 
-/* The system exceptions. No peripheral interrupts a tick: the loop asks, nothing calls. */
-__attribute__((section(".vectors"), used)) static const vector vectors[16] = {
-    {.stack = &_stack_top}, {.handler = reset}, {.handler = trap}, {.handler = trap},
-    {.handler = trap},      {.handler = trap},  {.handler = trap}, {.handler = trap},
-    {.handler = trap},      {.handler = trap},  {.handler = trap}, {.handler = trap},
-    {.handler = trap},      {.handler = trap},  {.handler = trap}, {.handler = board_systick}};
+/* The system exceptions, and one peripheral. */
+__attribute__((section(".vectors"), used)) static const vector vectors[17] = {
+    {.stack = &_stack_top},     {.handler = reset},     {.handler = trap}, {.handler = trap}, {.handler = trap},
+    {.handler = trap},          {.handler = trap},      {.handler = trap}, {.handler = trap}, {.handler = trap},
+    {.handler = trap},          {.handler = trap},      {.handler = trap}, {.handler = trap}, {.handler = trap},
+    {.handler = board_systick}, {.handler = board_irq0}};

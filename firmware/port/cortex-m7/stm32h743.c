@@ -7,7 +7,7 @@
 
 #define CORE_HZ 480000000u
 #define FDCAN_HZ 80000000u
-#define PERIOD_CYCLES (CORE_HZ / 1000u)
+#define SLOT_CYCLES (CORE_HZ / 1000000u * (BOARD_SLOT_NS / 1000u))
 /* Clocks and supplies settle within microseconds to a few ms; this many reads take longer. */
 #define PATIENCE 2000000u
 
@@ -52,11 +52,8 @@
 #define DWT_LAR REG(0xE0001FB0u)
 
 static fdcan bus = {(volatile uint32_t *)0x4000A000u, (volatile uint32_t *)0x4000AC00u, 0u};
-static volatile uint32_t periods;
-static uint32_t taken, cycles_low;
-static uint64_t cycles;
-
-void board_systick(void) { periods++; }
+static uint32_t cycles_before, cycles_over;
+static uint64_t whole_ns;
 
 static int wait_bits(volatile uint32_t *at, uint32_t mask, uint32_t wanted) {
     for (uint32_t i = 0; i < PATIENCE; i++) {
@@ -135,10 +132,13 @@ int board_start(void) {
     IWDG_KR = 0x5555u;
     IWDG_PR = 0u;
     IWDG_RLR = 80u;
-    SYSTICK_LOAD = PERIOD_CYCLES - 1u;
+    return 0;
+}
+
+void board_begin(void) {
+    SYSTICK_LOAD = SLOT_CYCLES - 1u;
     SYSTICK_NOW = 0u;
     SYSTICK_CTRL = 7u;
-    return 0;
 }
 
 cr_servo_config board_settings(void) {
@@ -147,29 +147,20 @@ cr_servo_config board_settings(void) {
     return config;
 }
 
-uint64_t board_due_ns(void) {
-    const uint64_t now_ns = board_now_ns();
-    const uint32_t left = SYSTICK_NOW; /* before the look at the periods: a new one may begin in between */
-    return periods == taken ? now_ns + (uint64_t)left * 25u / 12u : now_ns;
-}
-
-uint32_t board_wait_period(void) {
-    __asm volatile("cpsid i" ::: "memory"); /* wfi wakes all the same, and no exception slips in before it */
-    while (periods == taken) {
-        __asm volatile("wfi\n cpsie i\n isb\n cpsid i" ::: "memory");
+void board_sleep(const volatile uint32_t *slots, uint32_t seen) {
+    __asm volatile("cpsid i" ::: "memory"); /* wfi wakes all the same, and no interrupt slips in before it */
+    if (*slots == seen) {
+        __asm volatile("dsb\n wfi" ::: "memory");
     }
     __asm volatile("cpsie i" ::: "memory");
-    IWDG_KR = 0xAAAAu;
-    const uint32_t now = periods, slept_over = now - taken - 1u;
-    taken = now;
-    return slept_over;
 }
 
 uint64_t board_now_ns(void) {
-    const uint32_t now = DWT_CYCCNT;
-    cycles += now - cycles_low;
-    cycles_low = now;
-    return cycles * 25u / 12u;
+    const uint32_t now = DWT_CYCCNT, passed = now - cycles_before + cycles_over;
+    cycles_before = now;
+    cycles_over = passed % 12u; /* 12 cycles are 25 ns */
+    whole_ns += (uint64_t)(passed / 12u) * 25u;
+    return whole_ns + cycles_over * 25u / 12u;
 }
 
 uint32_t board_commands(uint32_t mode) {
@@ -182,8 +173,11 @@ uint32_t board_commands(uint32_t mode) {
     return !went_on ? 0u : mode == CR_MODE_FAULT ? CR_COMMAND_CLEAR : CR_COMMAND_START;
 }
 
-/* Nobody keeps them here: the ring of record.c would do, with a second core or DMA to empty it. */
-void board_keep(const cr_record *record) { (void)record; }
+/* Nobody keeps them here: the ring of record.c would do, which the main loop could empty. */
+void board_keep(const cr_record *record) {
+    (void)record;
+    IWDG_KR = 0xAAAAu;
+}
 
 _Noreturn void board_stop(uint32_t why) {
     (void)why;
@@ -203,8 +197,6 @@ int can_start(void) {
 
 int can_send(const cr_frame *frame) { return fdcan_send(&bus, frame); }
 int can_receive(cr_frame *frame) { return fdcan_receive(&bus, frame); }
-/* The loop looks again at once: it has nothing else to do, and no interrupt of the controller is on. */
-void can_wait(void) {}
 int can_was_off(void) { return fdcan_was_off(&bus); }
 uint32_t can_lost(void) { return bus.lost; }
 void can_stop(void) { fdcan_stop(&bus); }

@@ -24,7 +24,10 @@ PERIOD_S = 1e-3
 
 @dataclass(frozen=True)
 class Device:
-    """A controller: room for a scene, and for servo and world; code and stack of the library on its core."""
+    """A controller: room for a scene, and for servo and world; code and stack of the library on its core.
+
+    beside_stack_bytes: of a search and of the interrupt with the tick that only feels over it.
+    """
 
     name: str
     core: str
@@ -33,6 +36,7 @@ class Device:
     memory_bytes: int
     code_bytes: int
     stack_bytes: int
+    beside_stack_bytes: int
 
 
 @dataclass(frozen=True)
@@ -54,14 +58,12 @@ class Ticks:
 
 @dataclass(frozen=True)
 class Beside:
-    """Along a path, contact being searched for beside ticks that only feel, in the time that they leave.
+    """Along a path, contact being searched for beside ticks that only feel and interrupt it, in the time they leave.
 
-    step: instructions of the longest step of the search, as reckoned; a tick may have to wait for it. largest_s: of
-    both, at one instruction a cycle.
+    largest_s: of a tick, at one instruction a cycle.
     """
 
     feel: int
-    step: int
     largest_s: float
     late_mean: float
     late_most: int
@@ -122,6 +124,7 @@ def find_device(name: str) -> Device:
         1024 * entry["memory_KiB"],
         core["code_bytes"],
         core["stack_bytes"],
+        core["beside_stack_bytes"],
     )
 
 
@@ -170,7 +173,7 @@ def beside_ticks(scene: Scene, path: Trajectory, clock_Hz: float) -> Beside:
     library = _table()["library"]
     world, out, pose = World(scene), ffi.new("cr_output *"), ffi.new("cr_pose *")
     each, fixed = library["work_instructions"], library["tick_instructions"]
-    late, longest, left = np.zeros(len(path), dtype=np.int64), 0, 0.0
+    late, left = np.zeros(len(path), dtype=np.int64), 0.0
     for i, (row, period_s) in enumerate(zip(path.rows, _periods_s(path), strict=True)):
         x, y, z, *rot = row[1:].tolist()
         pose.pos_m, pose.rot = (x, y, z), rot
@@ -178,10 +181,9 @@ def beside_ticks(scene: Scene, path: Trajectory, clock_Hz: float) -> Beside:
         late[i] = out.stats.late_ticks
         left = min(left, 0.0) + clock_Hz * period_s - fixed
         while left > 0.0 and (did := int(lib.cr_search(world.handle, 1))) > 0:
-            longest = max(longest, did)
             left -= each * did
-    feel, step = library["feel_instructions"], each * longest
-    return Beside(feel, step, (feel + step) / clock_Hz, float(late.mean()), int(late.max()))
+    feel = library["feel_instructions"]
+    return Beside(feel, feel / clock_Hz, float(late.mean()), int(late.max()))
 
 
 def cost_of(

@@ -127,7 +127,8 @@ def lines(info: dict[str, Any]) -> list[tuple[str, str]]:
 def device_lines(cost: Cost) -> list[tuple[str, str]]:
     """What a scene takes of a controller, for a person."""
     device, within, beside = cost.device, cost.within, cost.beside
-    what = f"servo and world; library {size_text(device.code_bytes)}, stack {size_text(device.stack_bytes)}"
+    stack = f"stack {size_text(device.stack_bytes)}, with the search beside {size_text(device.beside_stack_bytes)}"
+    what = f"servo and world; library {size_text(device.code_bytes)}, {stack}"
     lines = [
         (
             "device",
@@ -157,9 +158,8 @@ def device_lines(cost: Cost) -> list[tuple[str, str]]:
         ("", f"{_share(within.largest_s)}; {_late(within)}"),
         (
             "search beside",
-            f"tick that only feels, {beside.feel:,} instructions, and the longest step",
+            f"tick that only feels and interrupts it, {beside.feel:,} instructions",
         ),
-        ("", f"of the search that it may wait for, most on this path {beside.step:,}"),
         ("", f"{_share(beside.largest_s)}; {_late(beside)}"),
     ]
 
