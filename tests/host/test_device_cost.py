@@ -74,6 +74,12 @@ def test_ticks_are_reckoned_as_check_device_holds_them(scene_crs: Path, press_cs
     assert cost.beside.feel == int(feel["budget"])
 
 
+def test_feel_at_10_kHz_takes_less_than_a_fifth_of_an_m7() -> None:
+    """By the budget that `make check-device` holds every feel of every replay to."""
+    (feel,) = (row for row in read_budgets() if row["what"] == "feel of all replays max")
+    assert int(feel["budget"]) * 10e3 < 0.2 * find_device("stm32h743").clock_Hz
+
+
 def linked(board: str) -> dict[str, int]:
     """KiB of each memory of a linker script, and of the stack."""
     text = (PORT / f"{board}.ld").read_text("ascii")
