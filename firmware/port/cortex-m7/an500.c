@@ -23,7 +23,7 @@
 #define HELD_UP_ONCE 100u
 #define HELD_UP_ALWAYS 120u
 #define HELD_UP_NS 1750000u
-#define TICKS_MAX 10000u /* a loop that takes longer has failed */
+#define TICKS_MAX 20000u /* a loop that takes longer has failed */
 
 #define RECORD_FILE "m7.crr"
 

@@ -76,6 +76,6 @@ worst: build/.develop build/.device build/scenes/.stamp firmware-m7 ## the most 
 	@cd tests/device && $(abspath $(PY)) worst.py $(if $(QUICK),--seconds 1 --scene edge90_cube) $(if $(KEEP),--write)
 
 # In User-Mode Linux also where this kernel has vcan0: only there the time is virtual.
-hil-m7: build/.develop build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: two minutes; SHIFT=7: a core of 30 MHz
+hil-m7: build/.develop build/.device build/scenes/.stamp build/m7/loop.elf ## the whole loop on an emulated Cortex-M7, over CAN, with the simulated drives: two minutes; SHIFT=5: a core of 120 MHz
 	@tests/hil/lab/build-kernel
 	$(PY) tests/hil/m7.py $(if $(SHIFT),--shift $(SHIFT))
