@@ -20,10 +20,10 @@
 #define IDLE_SEEN 20u  /* before a start */
 #define FAULT_SEEN 30u /* before the first fault is cleared, and after the second the end */
 /* After the second start: the interrupt is held up in one tick, later in three in a row, each time for longer than a tick may be late. */
-#define HELD_UP_ONCE 100u
-#define HELD_UP_ALWAYS 120u
-#define HELD_UP_NS 1750000u
-#define TICKS_MAX 20000u /* a loop that takes longer has failed */
+#define HELD_UP_ONCE 150u
+#define HELD_UP_ALWAYS 170u
+#define HELD_UP_NS 2300000u /* from tick to tick: one period too late */
+#define TICKS_MAX 20000u    /* a loop that takes longer has failed */
 
 #define RECORD_FILE "m7.crr"
 
@@ -137,8 +137,7 @@ static uint32_t ticks_in(uint32_t mode) {
 }
 
 /* A flash that stalls, interrupts of somebody else. */
-static void hold_up(void) {
-    const uint64_t until_ns = board_now_ns() + HELD_UP_NS;
+static void hold_up(uint64_t until_ns) {
     while (board_now_ns() < until_ns) {
         /* nothing runs but this */
     }
@@ -146,11 +145,13 @@ static void hold_up(void) {
 
 uint32_t board_commands(uint32_t mode) {
     static uint32_t starts;
+    static uint64_t last_ns;
     const uint32_t ticks = ticks_in(mode);
     const int rendering = mode == CR_MODE_RENDERING || mode == CR_MODE_LIMITED;
     if (rendering && starts == 2u && (ticks == HELD_UP_ONCE || ticks >= HELD_UP_ALWAYS)) {
-        hold_up();
+        hold_up(last_ns + HELD_UP_NS);
     }
+    last_ns = board_now_ns();
     if (mode == CR_MODE_FAULT && ticks == FAULT_SEEN) {
         if (starts == 2u) {
             end(line.refused + frames_lost + unsent > 0u);
