@@ -266,11 +266,7 @@ def check_time(rows: npt.NDArray[Any]) -> list[Outcome]:
     waited_ns = rows["now_ns"].astype(np.int64) - rows["sync_ns"].astype(np.int64)
     waited_us = waited_ns[1:][rendering] * 1e-3
     least_us, most_us = waited_us.min(initial=PERIOD_US), waited_us.max(initial=0.0)
-<<<<<<< ours
-    off_us = float(np.abs(np.asarray(period_us, dtype=np.float64) - PERIOD_US).max(initial=0.0))
-=======
     off_us = max((abs(us - PERIOD_US) for us in period_us.tolist()), default=0.0)
->>>>>>> theirs
     return [
         Outcome(
             off_us < OFF_MAX_US and most_us < DEADLINE_US + OFF_MAX_US,
