@@ -18,7 +18,16 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from callgraph import CallGraphError, Chain, interrupted, read_graph, worst_chain
-from jobs import COUPLE_C, FIRMWARE_C, ROOT, STEPS, free_rows, golden_path_job, path_job, recording_job
+from jobs import (
+    COUPLE_C,
+    FIRMWARE_C,
+    ROOT,
+    STEPS,
+    free_rows,
+    golden_path_job,
+    path_job,
+    recording_job,
+)
 from loops import golden_recording
 from runs import BUILD, DEVICES, CheckError, Run, build_counter, command, read_line, run_device
 from worst import BOARD_LOOKUPS, dearer, measure, read_poses
