@@ -137,8 +137,8 @@ def test_the_same_bytes_with_any_number_of_workers(monkeypatch: pytest.MonkeyPat
     for threads in (1, 2, 5):
         for module in ("bake.surface", "bake.cells", "mesh.arrange"):
             monkeypatch.setattr(f"crease.{module}.THREADS", threads)
-        meshes = [make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball)]
-        images.add(bake_scene(*meshes, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image)
+        static, tool = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball))
+        images.add(bake_scene(static, tool, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image)
     assert len(images) == 1
 
 
