@@ -12,6 +12,8 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float share[CR_LANES],
 
 #define KINDS 3u
 
+int cr_in_range(float v, float low, float high) { return v >= low && v <= high; }
+
 int main(void) {
     cr_scene s = {0};
     struct cr_img_kind kinds[KINDS]; /* not set: anything */

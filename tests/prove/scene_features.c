@@ -17,6 +17,8 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float share[CR_LANES],
     (void)c, (void)share, (void)out;
 }
 
+int cr_in_range(float v, float low, float high) { return v >= low && v <= high; }
+
 int main(void) {
     cr_scene s = {0};
     struct cr_img_meta meta; /* not set: anything */

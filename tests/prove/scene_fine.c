@@ -18,6 +18,8 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float share[CR_LANES],
 
 #define SAMPLES 1600u
 
+int cr_in_range(float v, float low, float high) { return v >= low && v <= high; }
+
 int main(void) {
     cr_scene s = {0};
     int16_t samples[SAMPLES]; /* not set: anything */

@@ -14,6 +14,8 @@ void cr_sum_cluster(const struct cr_img_cluster *c, const float share[CR_LANES],
 #define CLUSTERS 3u
 #define NEIGHBOURS 6u
 
+int cr_in_range(float v, float low, float high) { return v >= low && v <= high; }
+
 int main(void) {
     cr_scene s = {0};
     static struct cr_img_cluster clusters[CLUSTERS];

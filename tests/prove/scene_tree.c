@@ -33,6 +33,8 @@ static void prove_children(uint32_t index) {
     }
 }
 
+int cr_in_range(float v, float low, float high) { return v >= low && v <= high; }
+
 int main(void) {
     for (uint32_t index = 0; index < GROUPS; index++) {
         prove_children(index);
