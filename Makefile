@@ -64,11 +64,12 @@ setup: $(VENV)/.stamp build/.npm ## what users need: system packages (apt, when 
 
 setup-develop: setup $(VENV)/.develop build/.browser ## the same, and what tests, lints, fuzzers and benchmarks need
 
-# Recipe lines that install packages $(1) with options $(2), or say which are missing.
+# Recipe lines that install packages $(1) with options $(2), or say which are missing; one such recipe at a time, as apt-get has it.
 define APT_INSTALL
 	@mkdir -p build
 	@command -v dpkg-query >/dev/null || { echo "not a Debian system: this needs $(1)"; touch $@; exit 0; }
-	@missing=$$(for p in $(1); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	@exec 9>build/.apt-lock; flock 9; \
+	missing=$$(for p in $(1); do dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
 	missing=$$(echo $$missing); \
 	if [ -z "$$missing" ]; then :; \
 	elif [ $$(id -u) = 0 ]; then apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(2) $$missing >build/apt.log; \

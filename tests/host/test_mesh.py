@@ -243,6 +243,17 @@ def test_a_hollow_that_is_wholly_inside_out_stays_hollow() -> None:
     assert volume(mesh) == pytest.approx(0.875)
 
 
+@pytest.mark.parametrize("wound", [1, -1])
+def test_solid_that_lies_free_in_a_hollow_stays(wound: int) -> None:
+    """It was turned as the hollow is, or vanished in the solid round both."""
+    hollow = box((0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
+    island = box((0.4, 0.4, 0.4), (0.6, 0.6, 0.6))
+    vertices, triangles = both(both(box(), (hollow[0], hollow[1][:, ::-1])), island)
+    mesh = make_mesh(vertices, triangles[:, ::wound])
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(0.875 + 0.008)
+
+
 def test_shells_that_are_all_inside_out_cut_nothing_from_each_other() -> None:
     """The small box begins in the large one and reaches out of a notch: it was taken for a cavity."""
     solid = trimesh.creation.icosphere(3)

@@ -38,7 +38,7 @@ int board_start(void);
 /* Purpose  from now on the clock's interrupt comes every BOARD_SLOT_NS. One that finds the last still running comes after it; more than one are one. */
 void board_begin(void);
 
-/* Purpose  of the main loop: sleep until an interrupt, unless *slots, which the clock's interrupt counts up, is no more what was seen. */
+/* Purpose  of the main loop: sleep or wait until an interrupt, unless *slots, which the clock's interrupt counts up, is no more what was seen. */
 void board_sleep(const volatile uint32_t *slots, uint32_t seen);
 
 /* Nanoseconds since board_start; never back. Asked at least once a second; from the interrupt once that has begun. */

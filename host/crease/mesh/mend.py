@@ -18,6 +18,7 @@ Not seen: overlaps of parts of one shell inside one plane.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -220,13 +221,11 @@ def _shell_round(
     boxes: npt.NDArray[np.float64],
     i: int,
 ) -> int:
-    """The largest shell that holds the shell i, itself when none does. Looked for where one of both is inside out."""
+    """The largest shell that holds the shell i, itself when none does. Looked for where one of them is inside out."""
     larger = np.abs(volume) > np.abs(volume[i])
-    if volume[i] > 0.0:
-        larger &= volume < 0.0
     holding = ((boxes[:, 0] <= boxes[i, 0]) & (boxes[i, 1] <= boxes[:, 1])).all(axis=1)
     found = np.flatnonzero(larger & holding)
-    if len(found) == 0:
+    if (volume[[i, *found]] > 0.0).all():
         return i
     point = draft.vertices[draft.triangles[np.argmax(shell == i), 0]]
     for j in found[np.argsort(-np.abs(volume[found]), kind="stable")].tolist():
@@ -249,15 +248,16 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         return
     order = np.argsort(shell, kind="stable")
     parts = np.split(draft.triangles[order], np.cumsum(np.bincount(shell))[:-1])
-    solids: list[Any] = []
-    holes: list[Any] = []
-    for part, is_cavity in zip(parts, cavity, strict=True):
-        points, corners = topology.compact(draft.vertices, part)
-        solid = to_manifold(points, corners[:, ::-1] if is_cavity else corners)
-        (holes if is_cavity else solids).append(solid)
-    whole = Manifold.batch_boolean(solids, OpType.Add)
-    if holes:
-        whole = whole - Manifold.batch_boolean(holes, OpType.Add)
+    size = np.abs(np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles)))
+    whole = Manifold()
+    # The largest first: what lies free in a cavity is put there after the cavity was taken out.
+    for is_cavity, run in groupby(np.argsort(-size, kind="stable"), lambda i: bool(cavity[i])):
+        solids: list[Any] = []
+        for i in run:
+            points, corners = topology.compact(draft.vertices, parts[i])
+            solids.append(to_manifold(points, corners[:, ::-1] if is_cavity else corners))
+        part = Manifold.batch_boolean(solids, OpType.Add)
+        whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
     now = topology.shells(draft.vertices, draft.triangles)[0]
     if now != count or len(draft.triangles) != before:
