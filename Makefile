@@ -436,8 +436,8 @@ QUICK_TARGETS = $(filter-out $(CI_TARGETS),$(HELPED))
 # What git would commit must be the same after them as before.
 TREE = $$({ git status --porcelain && git diff HEAD; } | sha256sum)
 
-# Of these each needs, changes or takes away what another one looks at: after all the rest, one at a time.
-LAST_TARGETS := install uninstall licences manuals format clean
+# Of these each needs, changes or takes away what another one looks at (bench-latency is a host on vcan0, as hil is): after all the rest, one at a time.
+LAST_TARGETS := bench-latency install uninstall licences manuals format clean
 
 all-targets: ## the targets that tests and linters leave out, in their quick forms: under 10 minutes
 	@failed=; tree="$(TREE)"; \

@@ -11,7 +11,9 @@
 /* A slip shorter than this, squared, has no direction, m2. */
 #define SLIP2_MIN_M2 1e-24f
 /* Trials of one search along a way, and how much of the slope at its start may be left at its end. */
-#define TRIALS_MAX 8
+/* What is told of it at most: arms of kilometres are more than a square of single precision holds. */
+#define LEFT_MAX_M 1e5f
+#define TRIALS_MAX 16
 #define SLOPE_LEFT 0.25f
 
 #define UNKNOWNS 6
@@ -240,7 +242,7 @@ uint32_t cr_couple_descend(const cr_couple_task *task, cr_couple_point *points, 
         set_holds(task, points, motion);
         *left_m = 1.0f;
         while (*left_m > 0.0f && made < most && made - before < each) {
-            *left_m = step_down(task, points, motion);
+            *left_m = min_f(step_down(task, points, motion), LEFT_MAX_M);
             made++;
         }
         down = made - before == 1u; /* what friction may carry did not change what is least */

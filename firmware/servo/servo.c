@@ -160,9 +160,11 @@ static uint32_t read_axis(cr_servo *s, int a) {
     const cr_drive *drive = &s->bus.drive[a];
     if (drive->state_count == 0u || s->slept > 0u) {
         s->stale = 1u;
+        /* Late ticks and missing states may follow each other, each as many as it may be. */
+        const uint32_t most = 3u * s->config.bus.missing_max;
         s->missed[a] += 1u + s->slept;
         s->gap[a] = 0u;
-        return 0u;
+        return s->missed[a] > most && cr_mode_is_rendering(s->mode) ? (uint32_t)CR_FAULT_SILENT : 0u;
     }
     /* Through bridged periods the joint may have moved on. */
     float moved = counts_between(drive->counts, s->counts[a]) * abs_f(axis->step);

@@ -4,9 +4,10 @@ import os
 import signal
 import sys
 from types import FrameType
+from typing import NoReturn
 
 
-def _leave(_number: int, _frame: FrameType | None) -> None:
+def _leave(_number: int = signal.SIGINT, _frame: FrameType | None = None) -> NoReturn:
     """Ctrl-C while the modules load: nothing is open yet, and an exception in the middle of an import is anybody's."""
     os.write(2, b"error: interrupted\n")
     os._exit(1)
@@ -20,14 +21,20 @@ def main() -> int:
     from crease.base.errors import CreaseError
 
     try:
-        from crease.cli import main as run
+        from crease.cli import run_line
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     finally:
         if heard:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-    return run()
+    try:
+        return run_line()
+    except KeyboardInterrupt:
+        # What was begun is taken away. The interpreter's own end would wait for threads, and crash in a library
+        # that was interrupted as it loaded.
+        sys.stdout.flush()
+        _leave()
 
 
 if __name__ == "__main__":

@@ -46,8 +46,8 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and give its exit status."""
+def run_line(argv: Sequence[str] | None = None) -> int:
+    """Run one command line and give its exit status.   Errors: KeyboardInterrupt."""
     try:
         args = make_parser().parse_args(argv)
         with command_line():
@@ -58,7 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    return 0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The same for a program that goes on afterwards: an interrupt is an error too."""
+    try:
+        return run_line(argv)
     except KeyboardInterrupt:
         print("error: interrupted", file=sys.stderr)
         return 1
-    return 0

@@ -20,6 +20,7 @@ from crease.bake.surface import make_surface
 from crease.base.native import lib
 from crease.base.scene import open_image
 from crease.base.units import parse_length, parse_size
+from crease.cli import main
 from crease.lab.setup import make_path, upright
 from crease.mesh.mesh import make_mesh
 from crease.replay.replay import run_path
@@ -116,15 +117,33 @@ def test_a_bake_that_is_interrupted_leaves_nothing(
 ) -> None:
     """SIGTERM left the lock of the output, and libraries swallowed SIGINT while they were imported."""
     command = [Path(sys.executable).parent / "crease", *bake_args(tmp_path, ball_stl, ball_stl)]
+    # A job in the background of a script has SIGINT ignored, and so had this child.
+    kept = signal.signal(signal.SIGINT, signal.SIG_DFL)
     child = subprocess.Popen(
         [str(word) for word in (*command, "--spacing", "0.3mm")], stderr=subprocess.PIPE
     )
+    signal.signal(signal.SIGINT, kept)
     while child.poll() is None and not (tmp_path / ".out.crs.lock").exists():
         time.sleep(0.01)
     time.sleep(2.0)
     child.send_signal(number)
     said = child.communicate(timeout=120)[1]
     assert (child.returncode, said) == (1, b"error: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_image_that_cannot_be_written_leaves_no_bodies(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by an interrupt between the two files."""
+
+    def interrupted(*_: object) -> None:
+        assert (tmp_path / "out.crs.glb").exists()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("crease.verbs.bake.write_bytes", interrupted)
+    args = [*bake_args(tmp_path, block_stl, ball_stl), "--voxel", "4mm", "--spacing", "3mm"]
+    assert main([str(word) for word in args]) == 1
     assert list(tmp_path.iterdir()) == []
 
 

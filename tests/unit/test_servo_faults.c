@@ -188,6 +188,25 @@ static void one_fault(deed what, uint32_t axis, int wait) {
     crt_loop_free(&l);
 }
 
+/* Late ticks and missing states by turns: neither is ever as many in a row as its own fault asks for. */
+static void no_state_in_time_for_long_is_a_fault_whatever_kept_it(void **state) {
+    (void)state;
+    crt_loop l = crt_loop_make();
+    crt_loop_press(&l);
+    const cr_record *r = cr_servo_get_record(l.servo);
+    uint32_t periods = 0u;
+    for (uint32_t k = 0; k < 12u && r->faults == 0u; k++) {
+        const int late = k % 3u == 0u;
+        l.skip_ns = late ? 900000u : 0u;
+        l.drives[1].mute = !late;
+        periods += late ? 2u : 1u;
+        crt_loop_period(&l);
+    }
+    assert_true(r->faults == CR_FAULT_SILENT && periods == 3u * l.config.bus.missing_max + 1u);
+    assert_true(crt_loop_torque_is_zero(&l) && r->counters.overruns == 2u);
+    crt_loop_free(&l);
+}
+
 static void every_fault_zeroes_in_its_tick_latches_and_clears(void **state) {
     (void)state;
     for (int what = 0; what < DO_COUNT; what++) {
@@ -311,6 +330,7 @@ static void record_holds_what_was_sent(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(late_ticks_hold_the_torque_then_halve_it_then_are_a_fault),
+        cmocka_unit_test(no_state_in_time_for_long_is_a_fault_whatever_kept_it),
         cmocka_unit_test(every_fault_zeroes_in_its_tick_latches_and_clears),
         cmocka_unit_test(joint_that_rests_in_contact_is_no_fault),
         cmocka_unit_test(stuck_encoder_is_noticed_when_the_torque_swings),

@@ -134,8 +134,10 @@ def run(args: argparse.Namespace) -> None:
         if args.strict and result.warnings:
             raise MeshError(f"{result.warnings[0]}; --strict refuses that")
         check()
-        bodies = write_bodies(args.output, static, tool)
-        write_bytes(args.output, result.image)
+        bodies = meshes_path(args.output)
+        with _together(bodies):
+            write_bodies(args.output, static, tool)
+            write_bytes(args.output, result.image)
     report = {
         "output": str(args.output),
         "meshes": str(bodies),
@@ -148,6 +150,18 @@ def run(args: argparse.Namespace) -> None:
         print_json(report)
     else:
         print_report(report)
+
+
+@contextmanager
+def _together(first: Path) -> Iterator[None]:
+    """A file that is not left where it was not before, when what belongs to it cannot be written."""
+    there = first.exists()
+    try:
+        yield
+    except BaseException:
+        if not there:
+            first.unlink(missing_ok=True)
+        raise
 
 
 @contextmanager
@@ -169,7 +183,8 @@ def _interruptible() -> Iterator[Callable[[], None]]:
     if threading.current_thread() is not threading.main_thread():
         yield check
         return
-    before = {number: signal.signal(number, hear) for number in (signal.SIGINT, signal.SIGTERM)}
+    told = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
+    before = {number: signal.signal(number, hear) for number in told}
     try:
         yield check
     finally:
