@@ -3,12 +3,13 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
 
 def _leave(_number: int = signal.SIGINT, _frame: FrameType | None = None) -> NoReturn:
-    """Ctrl-C while the modules load: nothing is open yet, and an exception in the middle of an import is anybody's."""
+    """Interrupted: the end, at once. While modules load nothing is open, and an exception in an import is anybody's."""
     os.write(2, b"error: interrupted\n")
     os._exit(1)
 
@@ -33,7 +34,8 @@ def main() -> int:
     except KeyboardInterrupt:
         # What was begun is taken away. The interpreter's own end would wait for threads, and crash in a library
         # that was interrupted as it loaded.
-        sys.stdout.flush()
+        with suppress(OSError):
+            sys.stdout.flush()
         _leave()
 
 

@@ -7,31 +7,8 @@
  *     fn TOTAL WORST NAME                  instructions of a function in all ticks, and in the most expensive one
  *
  * A stage begins when its function is entered, and ends when a function that calls stages goes on. Functions that are not named below
- * belong to the stage that runs. Debian's QEMU has plugins compiled in but ships no header: what is used is declared here. */
-#include <inttypes.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-typedef uint64_t plugin_id;
-struct block;
-struct instruction;
-enum { NO_REGISTERS = 0, INLINE_ADD = 0 };
-void qemu_plugin_register_vcpu_tb_trans_cb(plugin_id id, void (*translated)(plugin_id, struct block *));
-size_t qemu_plugin_tb_n_insns(const struct block *block);
-struct instruction *qemu_plugin_tb_get_insn(const struct block *block, size_t i);
-const char *qemu_plugin_insn_symbol(const struct instruction *instruction);
-uint64_t qemu_plugin_insn_vaddr(const struct instruction *instruction);
-void qemu_plugin_register_vcpu_tb_exec_cb(struct block *block, void (*run)(unsigned, void *), int flags, void *user);
-void qemu_plugin_register_vcpu_tb_exec_inline(struct block *block, int op, void *counter, uint64_t add);
-void qemu_plugin_register_atexit_cb(plugin_id id, void (*end)(plugin_id, void *), void *user);
-
-#define EXPORT __attribute__((visibility("default")))
-EXPORT extern int qemu_plugin_version;
-int qemu_plugin_version = 1;
-EXPORT int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv);
+ * belong to the stage that runs. */
+#include "plugin.h"
 
 enum { OUTSIDE, TICK, DETECT, RELATE, DEPTH, RESOLVE, FEEL, SERVO, STAGE_COUNT };
 static const char *const stage_names[STAGE_COUNT] = {"outside", "tick",    "detect", "relate",
@@ -160,8 +137,8 @@ static void finish(plugin_id id, void *user) {
 
 EXPORT int qemu_plugin_install(plugin_id id, const void *info, int argc, char **argv) {
     (void)info;
-    if (argc != 1 || strncmp(argv[0], "out=", 4) != 0 || (out = fopen(argv[0] + 4, "w")) == NULL) {
-        fprintf(stderr, "count: -plugin count.so,out=FILE, a file that can be written\n");
+    out = plugin_open(argc, argv);
+    if (out == NULL) {
         return -1;
     }
     fprintf(out, "stages");
