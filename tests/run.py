@@ -9,10 +9,11 @@ import subprocess
 import sys
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -73,18 +74,29 @@ SLOW_PROGRAMS = ("test_bitflips", "test_rivals", "test_soak")
 """C programs that take ten seconds and more: left out with --quick."""
 
 
-LONG_PROGRAMS = (*SLOW_PROGRAMS, "test_way_out")
+LONG_PROGRAMS = (*SLOW_PROGRAMS, "test_servo_faults", "test_detect", "test_way_out")
 """Begun first, so that no processor waits for one of them at the end."""
 
 
-def run_programs(folder: Path, quick: bool = False, only: Sequence[str] = ()) -> Count:
-    """Every test program of `folder` (the ones whose source is still there), as many at a time as there are cores."""
+def run_programs(folders: Sequence[Path], quick: bool, only: Sequence[str]) -> Count:
+    """Every test program of `folders` (the ones whose source is still there), as many at a time as there are cores.
+
+    The folders hold the same tests, built in other ways: all must pass, those of the first are counted.
+    """
     sources = {path.stem for path in (ROOT / "tests").glob("*/test_*.c")}
     chosen = sorted(only or sources.difference(SLOW_PROGRAMS if quick else ()))
-    chosen.sort(key=lambda name: name not in LONG_PROGRAMS)
+    programs = [folder.resolve() / name for folder in folders for name in chosen]
+    programs.sort(key=lambda program: program.name not in LONG_PROGRAMS)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        counts = pool.map(run_program, (folder.resolve() / name for name in chosen))
-        return sum(counts, Count())
+        counts = list(pool.map(run_program, programs))
+    first = folders[0].resolve()
+    return sum(
+        (
+            count if program.parent == first else Count(0, count.failed)
+            for program, count in zip(programs, counts, strict=True)
+        ),
+        Count(),
+    )
 
 
 HIL_FILES = ("tests/bus/test_drive.py", "tests/bus/test_bus_cli.py", "tests/hil")
@@ -106,36 +118,33 @@ def read_junit(report: Path, status: int) -> Count:
     return Count(max(tests - failed, 0), failed)
 
 
-BY_THE_CLOCK = (
-    "tests/host/test_live.py",
-    "tests/host/test_creased.py",
-    "tests/host/test_api.py",
-    "tests/bus/test_drive.py",
-)
-"""Tests that time what they see: run with nothing beside them."""
-
-
 BESIDE = ("tests/host/test_readme.py", "tests/host/test_wheel.py")
 """Of tests/host, run with all others, so that both processors are done at the same time."""
 
+WAITING = ("tests/host/test_creased.py", "tests/host/test_live.py")
+"""Tests that mostly wait for a loop of their own: beside both."""
 
-def run_all_pytest(select: list[str]) -> Count:
-    """Every pytest of the tree: tests/host beside all others, one processor each, then those by the clock."""
-    chosen = [*select, *(f"--deselect={path}" for path in BY_THE_CLOCK)]
+
+def run_all_pytest(select: str, hil: Callable[[], Count] | None) -> Count:
+    """Every pytest of the tree: a processor for tests/host, one for all others, what waits beside them, and `hil`.
+
+    Those that are marked `quiet` come last, with nothing beside them.
+    """
+    kept = ["-m", f"not quiet{select}"]
+    apart = [f"--ignore={path}" for path in (*BESIDE, *WAITING)]
     folders = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
-    jobs = {
-        "pytest-host": ([*chosen, *(f"--ignore={path}" for path in BESIDE)], ["tests/host"]),
-        "pytest-others": (chosen, [*dict.fromkeys(folders), *BESIDE]),
-    }
-    jobs["pytest-others"][1].remove("tests/host")
-    with ThreadPoolExecutor(len(jobs)) as pool:
-        runs = [
-            pool.submit(run_pytest, words, paths, name, keep=name != "pytest-host")
-            for name, (words, paths) in jobs.items()
-        ]
-        count = sum((run.result() for run in runs), Count())
-    print((ROOT / "build" / "pytest-others.log").read_text(errors="replace"), flush=True)
-    return count + run_pytest(select, BY_THE_CLOCK, "pytest-clock")
+    others = [folder for folder in dict.fromkeys(folders) if folder != "tests/host"]
+    jobs: list[Callable[[], Count]] = [
+        partial(run_pytest, [*kept, *apart], ["tests/host"], "pytest-host"),
+        partial(run_pytest, kept, [*others, *BESIDE], "pytest-others", keep=True),
+        partial(run_pytest, kept, WAITING, "pytest-waiting", keep=True),
+        *([hil] if hil else []),
+    ]
+    with ThreadPoolExecutor(3) as pool:
+        count = sum(pool.map(call, jobs), Count())
+    for name in ("pytest-others", "pytest-waiting", *([HIL] if hil else [])):
+        print((ROOT / "build" / f"{name}.log").read_text(errors="replace"), flush=True)
+    return count + run_pytest(["-m", f"quiet{select}"], ["tests"], "pytest-quiet")
 
 
 def run_pytest(
@@ -160,16 +169,30 @@ def run_pytest(
     return read_junit(report, status)
 
 
+HIL = "pytest-hil"
+VCAN = Path("/sys/class/net/vcan0")
+VIRTUAL_LIMIT_S = 1800
+"""For all of HIL_FILES, on the machine's clock."""
+
+
 def run_hil() -> Count:
-    """The protocol and closed-loop tests on a real vcan0: this kernel's, or User-Mode Linux's with virtual time."""
-    if Path("/sys/class/net/vcan0").exists():
-        print("bus transport: socketcan, vcan0 of this kernel", flush=True)
-        return run_pytest([], HIL_FILES, "pytest-hil", CREASE_TRANSPORT="socketcan")
+    """The protocol and closed-loop tests on this kernel's vcan0."""
+    print("bus transport: socketcan, vcan0 of this kernel", flush=True)
+    return run_pytest([], HIL_FILES, HIL, CREASE_TRANSPORT="socketcan")
+
+
+def run_virtual_hil() -> Count:
+    """The same on User-Mode Linux's vcan0, with virtual time: whatever runs beside it, it sees the same."""
     print("bus transport: socketcan, vcan0 in User-Mode Linux with virtual time", flush=True)
-    wrap = (str(ROOT / "tests" / "hil" / "lab" / "vcan-run"), "-V")
+    wrap = (str(ROOT / "tests" / "hil" / "lab" / "vcan-run"), "-V", "-t", str(VIRTUAL_LIMIT_S))
     return run_pytest(
-        [], HIL_FILES, "pytest-hil", wrap, CREASE_TRANSPORT="socketcan", CREASE_VIRTUAL_TIME="1"
+        [], HIL_FILES, HIL, wrap, keep=True, CREASE_TRANSPORT="socketcan", CREASE_VIRTUAL_TIME="1"
     )
+
+
+def call(job: Callable[[], Count]) -> Count:
+    """What `job` gives."""
+    return job()
 
 
 def main() -> int:
@@ -184,15 +207,16 @@ def main() -> int:
     parser.add_argument("--programs", nargs="+", default=[], help="C programs (all)")
     parser.add_argument("paths", nargs="*", default=["tests"], help="for pytest (tests)")
     args = parser.parse_args()
-    count = run_programs(args.c_tests, args.quick, args.programs)
-    if args.sanitized:
-        # The same tests a second time: they must pass, but are counted once.
-        count += Count(0, run_programs(args.sanitized).failed)
+    folders = [args.c_tests, *([args.sanitized] if args.sanitized else [])]
+    count = run_programs(folders, args.quick, args.programs)
     if not args.only_c:
-        select = ["-m", "not slow"] if args.quick else []
-        whole = args.paths == ["tests"]
-        count += run_all_pytest(select) if whole else run_pytest(select, args.paths)
-        if not args.quick:
+        beside = None if args.quick or VCAN.exists() else run_virtual_hil
+        if args.paths == ["tests"]:
+            count += run_all_pytest(" and not slow" if args.quick else "", beside)
+        else:
+            count += run_pytest(["-m", "not slow"] if args.quick else [], args.paths)
+            count += beside() if beside else Count()
+        if VCAN.exists() and not args.quick:
             count += run_hil()
     print(f"{count.passed} passed, {count.failed} failed", flush=True)
     return 1 if count.failed or not count.passed else 0

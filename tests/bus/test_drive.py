@@ -76,6 +76,7 @@ def prepare_402(net: canopen.Network, generated: Path) -> BaseNode402:
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 def test_unmodified_402_client_enables_runs_faults_and_resets(link: Link, generated: Path) -> None:
     with network(link) as net:
         node = prepare_402(net, generated)
@@ -130,6 +131,7 @@ def test_state_frame_comes_once_per_sync_and_from_every_axis(link: Link) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 def test_heartbeat_of_the_host_stops_and_torque_goes_to_zero(link: Link) -> None:
     heartbeat_ms = (
         500 if link.transport == "virtual" else 30

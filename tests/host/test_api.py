@@ -346,12 +346,14 @@ def least_us(work: Callable[[], object], times: int) -> float:
     return best * 1e6
 
 
+@pytest.mark.quiet
 def test_a_tick_costs_less_than_five_microseconds_in_free_space(scene: crease.Scene) -> None:
     world, pose = crease.World(scene), np.array(FREE)
     assert least_us(lambda: world.tick(pose), 2000) < 5.0
     assert least_us(lambda: world.tick(FREE), 2000) < 5.0
 
 
+@pytest.mark.quiet
 def test_a_replay_costs_less_than_a_microsecond_above_its_ticks(scene: crease.Scene) -> None:
     world, poses = crease.World(scene), np.tile(FREE, (20_000, 1))
     above: list[float] = []

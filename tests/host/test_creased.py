@@ -1,6 +1,7 @@
 """creased beside a disk and a terminal that do not answer: its own loop, with a UNIX socket in place of the CAN one.
 
-Periods of 8 ms: what is asked is that things happen in the next period, and a busy machine wakes a thread late.
+Nothing here depends on how soon a busy machine wakes a thread: what must happen soon is counted in ticks, and where it
+matters these are long.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -28,8 +29,6 @@ from crease.replay.recording import RECORD, load_recording, rerun
 ROOT = Path(__file__).resolve().parents[2]
 CREASED, DRIVES = (ROOT / "build" / "gcc" / name for name in ("creased-unix", "latency_drives"))
 PERIOD_NS = 8_000_000
-SLACK_NS = 12_000_000
-"""What a busy machine may take to wake a thread."""
 DEVICE = """[bus]
 missing_max = 10
 torque_timeout_ms = 0
@@ -41,6 +40,13 @@ overrun_us = 16000
 deadline_us = 7000
 rest_ticks = 0
 """
+CALM = (
+    DEVICE.replace("period_us = 8000", "period_us = 40000")
+    .replace("overrun_us = 16000", "overrun_us = 80000")
+    .replace("deadline_us = 7000", "deadline_us = 35000")
+)
+"""Periods that no busy machine overruns, for what is not of time."""
+CALM_NS = 40_000_000
 Rows = npt.NDArray[Any]
 
 
@@ -83,14 +89,20 @@ def rows_of(data: bytes) -> Rows:
     return np.frombuffer(data, dtype=RECORD, count=count, offset=start if count else 0)
 
 
+HELD_UP_S = 1.0
+"""How long after an order a disk or a terminal still does not answer."""
+
+
 def assert_torque_ended(rows: Rows, asked_ns: int) -> None:
-    """The tick of the next period asks for no torque, nor does any that follows."""
+    """The next tick asks for no torque (one more may have begun), nor does any that follows, while all is held up."""
+    assert not rows["faults"][rows["now_ns"] < asked_ns].any()
     assert (rows["target"][rows["now_ns"] < asked_ns][-5:] != 0).any(), "there was torque before"
     after = rows[rows["now_ns"] >= asked_ns]
     quiet = ~(after["target"] != 0).any(axis=1)
     assert quiet.any()
     first = int(np.argmax(quiet))
-    assert int(after["sync_ns"][first]) - asked_ns <= PERIOD_NS + SLACK_NS
+    assert first <= 2
+    assert int(after["now_ns"][first]) - asked_ns < HELD_UP_S * 1e9
     assert quiet[first:].all()
 
 
@@ -189,70 +201,50 @@ def test_deadline_runs_from_the_sync(tmp_path: Path, scene_crs: Path) -> None:
 # ------------------------------------------------------------------------------------------------ terminals and disks
 
 
-def undisturbed(folder: Path, once: Callable[[Path], tuple[int, Rows, int]]) -> tuple[Rows, int]:
-    """Rows, and time of the order, of a run that no fault ended before it.
-
-    A machine too busy for the period (`overrun`) gets two more tries.   Errors: AssertionError when it did not end
-    as asked.
-    """
-    for attempt in range(3):
-        (folder / str(attempt)).mkdir()
-        status, rows, asked_ns = once(folder / str(attempt))
-        if not rows["faults"][rows["now_ns"] < asked_ns].any():
-            assert status == 0
-            return rows, asked_ns
-    raise AssertionError("the machine is too busy for periods of 8 ms")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["stop", "SIGTERM", "SIGHUP", "SIGQUIT"])
 def test_blocked_terminal_holds_up_no_command_and_no_signal(
     tmp_path: Path, scene_crs: Path, how: str
 ) -> None:
-    def once(folder: Path) -> tuple[int, Rows, int]:
-        read, write = full_pipe()
-        # When the tests run under nohup creased would keep it ignored.
-        kept = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-        try:
-            with running(folder, scene_crs, stdout=write, stderr=write) as run:
-                run.wait_for_torque()
-                order = run.command("stop") if how == "stop" else run.signal(getattr(signal, how))
-                time.sleep(0.3)
-                if how == "stop":
-                    run.signal(signal.SIGTERM)
-                status, _ = end_of(run)
-        finally:
-            signal.signal(signal.SIGHUP, kept)
-            os.close(read)
-            os.close(write)
-        return status, rows_of(run.record.read_bytes()), order
-
-    assert_torque_ended(*undisturbed(tmp_path, once))
+    read, write = full_pipe()
+    # When the tests run under nohup creased would keep it ignored.
+    kept = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with running(tmp_path, scene_crs, device=CALM, stdout=write, stderr=write) as run:
+            run.wait_for_torque()
+            order = run.command("stop") if how == "stop" else run.signal(getattr(signal, how))
+            time.sleep(HELD_UP_S)
+            if how == "stop":
+                run.signal(signal.SIGTERM)
+            status, _ = end_of(run)
+    finally:
+        signal.signal(signal.SIGHUP, kept)
+        os.close(read)
+        os.close(write)
+    assert status == 0
+    assert_torque_ended(rows_of(run.record.read_bytes()), order)
 
 
 @pytest.mark.slow
 def test_blocked_disk_holds_up_no_signal(tmp_path: Path, scene_crs: Path) -> None:
     """The record is a pipe that nobody reads until the signal is out."""
-
-    def once(folder: Path) -> tuple[int, Rows, int]:
-        fifo, seen = folder / "run.crr", bytearray()
-        os.mkfifo(fifo)
-        reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-        with running(folder, scene_crs, "--force", record=fifo) as run:
-            time.sleep(4.0)
-            order = run.signal(signal.SIGTERM)
-            time.sleep(0.3)
-            end_s = time.monotonic() + 10.0
-            while run.process.poll() is None and time.monotonic() < end_s:
-                with suppress(BlockingIOError):
-                    seen += os.read(reader, 1 << 20)
-                time.sleep(0.002)
-            status, _ = end_of(run)
-            seen += os.read(reader, 1 << 20)
-        os.close(reader)
-        return status, rows_of(bytes(seen)), order
-
-    assert_torque_ended(*undisturbed(tmp_path, once))
+    fifo, seen = tmp_path / "run.crr", bytearray()
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    with running(tmp_path, scene_crs, "--force", device=CALM, record=fifo) as run:
+        time.sleep(15.0)  # nothing can be read that would tell when there is torque
+        order = run.signal(signal.SIGTERM)
+        time.sleep(HELD_UP_S)
+        end_s = time.monotonic() + 10.0
+        while run.process.poll() is None and time.monotonic() < end_s:
+            with suppress(BlockingIOError):
+                seen += os.read(reader, 1 << 20)
+            time.sleep(0.002)
+        status, _ = end_of(run)
+        seen += os.read(reader, 1 << 20)
+    os.close(reader)
+    assert status == 0
+    assert_torque_ended(rows_of(bytes(seen)), order)
 
 
 @pytest.mark.slow
@@ -292,15 +284,6 @@ def test_full_disk_is_said_at_once_and_the_record_ends_with_a_whole_tick(
     assert ticking
     assert (status, run.record.stat().st_size) == (1, room - 200)
     assert lines[-1] == "error: the record ends here: File too large; the loop goes on\n"
-
-
-CALM = (
-    DEVICE.replace("period_us = 8000", "period_us = 40000")
-    .replace("overrun_us = 16000", "overrun_us = 80000")
-    .replace("deadline_us = 7000", "deadline_us = 35000")
-)
-"""Periods that no busy machine overruns, for what is not of time."""
-CALM_NS = 40_000_000
 
 
 @pytest.mark.slow

@@ -110,6 +110,7 @@ def place_of_tool(tab: Page) -> tuple[float, float]:
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 def test_sixty_views_a_second_while_no_tick_is_lost(live: Live) -> None:
     start_s = time.monotonic()
     with Page(800, 700) as tab:
