@@ -67,19 +67,21 @@ void cr_servo_rx(cr_servo *s, const cr_frame *frame) {
     kept->flags = (uint8_t)(s->synced ? 0u : CR_FRAME_EARLY);
 }
 
+static float seconds(uint64_t late_ns, uint64_t early_ns) {
+    uint64_t ns = late_ns - early_ns;
+    return ns > 1000000000ull ? 1.0f : (float)(uint32_t)ns * 1e-9f;
+}
+
 void cr_servo_sync(cr_servo *s, uint64_t now_ns, cr_tx *tx) {
     tx->count = 0u;
+    /* To the nearest: ticks are not what counts, one may come long after its SYNC. */
+    s->periods += 1u + (uint32_t)max_f(0.0f, seconds(now_ns, s->sync_ns) / s->config.period_s - 0.5f);
     s->sync_ns = now_ns;
     s->synced = 1u;
     cr_bus_sync(&s->bus, tx);
 }
 
 /* ------------------------------------------------------------------------------------------------------- stages */
-
-static float seconds(uint64_t late_ns, uint64_t early_ns) {
-    uint64_t ns = late_ns - early_ns;
-    return ns > 1000000000ull ? 1.0f : (float)(uint32_t)ns * 1e-9f;
-}
 
 /* The drives hold the last torque until the next. Where none flows, a late tick does no harm. */
 static uint32_t check_time(cr_servo *s, uint64_t now_ns, float period_s) {
@@ -168,9 +170,10 @@ static uint32_t read_axis(cr_servo *s, int a) {
     }
     /* Through bridged periods the joint may have moved on. */
     float moved = counts_between(drive->counts, s->counts[a]) * abs_f(axis->step);
-    float most = axis->jump_max * (float)(1u + s->missed[a]);
-    s->gap[a] = 1u + s->missed[a];
+    s->gap[a] = s->missed[a] > 0u ? s->periods - s->sampled[a] : 1u;
+    float most = axis->jump_max * (float)s->gap[a];
     s->missed[a] = 0u;
+    s->sampled[a] = s->periods;
     s->counts[a] = drive->counts;
     s->joints.joint[a] = axis->offset + axis->step * (float)drive->counts;
     return (s->has_counts && moved > most ? (uint32_t)CR_FAULT_JUMP : 0u) | check_still(s, a);
@@ -252,9 +255,10 @@ static uint32_t feel_contact(cr_servo *s, float since_s) {
 
 /* Pose to wrench. */
 static uint32_t touch(cr_servo *s, float period_s) {
-    const float since_s = min_f(1.0f, period_s * (float)(1u + s->untouched));
+    const float since_s = s->untouched ? min_f(1.0f, s->config.period_s * (float)(s->periods - s->asked)) : period_s;
     uint32_t faults = 0u;
     s->untouched = 0u;
+    s->asked = s->periods;
     if (s->config.late_max_ticks > 0u) {
         faults = feel_contact(s, since_s);
     } else {
@@ -409,7 +413,7 @@ static uint32_t sense_and_touch(cr_servo *s, uint32_t faults, float period_s) {
     if (faults == 0u && !s->stale && s->has_counts && s->has_wrist) {
         faults |= touch(s, period_s);
     } else {
-        s->untouched++;
+        s->untouched = 1u;
     }
     return faults;
 }

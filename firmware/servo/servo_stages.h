@@ -202,6 +202,7 @@ struct cr_servo {
     cr_record record; /* of the last tick; of this one while it runs */
     uint64_t sync_ns, last_now_ns;
     uint32_t synced, ticks;
+    uint32_t periods;        /* up to this SYNC */
     uint32_t slept, overrun; /* periods without a tick before this one; before this and the late ones before it */
     uint32_t mode, faults, first_fault;
     uint32_t inputs, rx_drops, rx_babbled, frame_count;
@@ -209,10 +210,11 @@ struct cr_servo {
     int32_t counts[CR_AXES], rest_counts[CR_AXES];
     uint32_t has_counts, has_wrist, rest_ticks, stale;
     cr_still still[CR_AXES];
-    uint32_t missed[CR_AXES]; /* periods since the last sample that was taken in time */
-    uint32_t gap[CR_AXES];    /* periods from the sample before to this tick's; 0: this tick has none */
-    uint32_t untouched;       /* periods since the world was last asked */
-    uint32_t late;            /* age of its answer in this one, late_max_ticks + 1 at most; CR_NOT_FELT: not asked */
+    uint32_t missed[CR_AXES];         /* periods since the last sample that was taken in time */
+    uint32_t gap[CR_AXES];            /* periods from the sample before to this tick's; 0: this tick has none */
+    uint32_t sampled[CR_AXES], asked; /* `periods` of the last sample that was taken, and when the world was asked */
+    uint32_t untouched;               /* the world was not asked in the tick before */
+    uint32_t late; /* age of its answer in this one, late_max_ticks + 1 at most; CR_NOT_FELT: not asked */
     cr_output output;
 };
 

@@ -103,22 +103,28 @@ static void speed_after_lost_states_is_the_one_it_has(void **state) {
 }
 
 /* The scene's own damping sees the way since the world was last asked, and the time. */
-static void damping_of_the_world_after_lost_states_is_that_of_the_speed(void **state) {
-    float force_N[2] = {0.0f, 0.0f};
-    for (int lost = 0; lost < 2; lost++) {
+static void damping_of_the_world_after_a_hole_is_that_of_the_speed(void **state) {
+    float force_N[3] = {0.0f, 0.0f, 0.0f};
+    for (int hole = 0; hole < 3; hole++) { /* none, two lost states, a tick that is held up */
         cr_servo_config config = config_of();
         config.world.damping_Ns_m = 50.0f;
         assert_true(crt_servo_start(&rig, &config) && crt_servo_bring_up(&rig, MS, 3000u));
         for (int k = 0; k < 30; k++) {
             rig.drives[1].counts -= 1; /* down into the block: 40 um a period across the link */
-            rig.drives[2].mute = lost && (k == 27 || k == 28);
-            crt_servo_period(&rig, MS);
+            rig.drives[2].mute = hole == 1 && (k == 27 || k == 28);
+            if (hole == 2 && k == 28) {
+                rig.now_ns += MS;
+                period_at(rig.now_ns, rig.now_ns + 9u * MS / 10u, 1e-3f);
+            } else {
+                crt_servo_period(&rig, MS);
+            }
         }
-        force_N[lost] = v3_norm(cr_servo_get_record(rig.servo)->contact_force_world_N);
+        force_N[hole] = v3_norm(cr_servo_get_record(rig.servo)->contact_force_world_N);
         power_off(state);
     }
     assert_int_equal(in_contact(state), 0); /* for power_off after the test */
     assert_true(force_N[0] > 0.5f && fabsf(force_N[1] - force_N[0]) < 1e-3f * force_N[0]);
+    assert_true(fabsf(force_N[2] - force_N[0]) < 1e-3f * force_N[0]);
 }
 
 static void time_that_goes_back_or_jumps_is_a_fault(void **state) {
@@ -160,16 +166,20 @@ static void a_tick_that_is_held_up_counts_once(void **state) {
     assert_int_equal(in_contact(state), 0); /* for power_off after the test */
 }
 
-/* 2 counts of 60 um a period on the guide: 120 mm/s, also in the tick after one that came two periods late. */
+/* 2 counts of 60 um a period on the guide: 120 mm/s, also after ticks that came late, with their SYNC or after it. */
 static void speed_after_a_late_tick_is_the_one_it_has(void **state) {
     (void)state;
-    for (uint32_t k = 0; k < 60u; k++) {
-        const uint32_t periods = k == 30u ? 3u : 1u;
+    uint64_t sync_ns = rig.now_ns;
+    for (uint32_t k = 0; k < 120u; k++) {
+        const uint64_t held_us = k == 60u ? 900u : k == 90u ? 2000u : 0u;
+        const uint32_t periods = k == 30u || k == 91u ? 3u : 1u;
         rig.drives[0].counts += 2 * (int32_t)periods;
-        crt_servo_period(&rig, periods * MS);
+        sync_ns += periods * MS;
+        period_at(sync_ns, sync_ns + held_us * 1000u, 1e-3f);
         const cr_record *r = cr_servo_get_record(rig.servo);
-        assert_true(cr_mode_is_rendering(mode()) && ((r->limits & CR_LIMIT_STALE) != 0u) == (periods > 1u));
-        if (k > 20u && periods == 1u) {
+        const int late = k == 30u || held_us > 0u;
+        assert_true(cr_mode_is_rendering(mode()) && ((r->limits & CR_LIMIT_STALE) != 0u) == late);
+        if (k > 20u && !late) {
             assert_true(fabsf(r->velocity_world_m_s.x - 0.120f) < 1e-5f);
         }
     }
@@ -399,7 +409,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(size_and_init_refuse_nothing_at_all, power_on, power_off),
         cmocka_unit_test_setup_teardown(frames_too_long_or_of_no_interest_are_not_kept, in_contact, power_off),
         cmocka_unit_test_setup_teardown(speed_after_lost_states_is_the_one_it_has, in_contact, power_off),
-        cmocka_unit_test_teardown(damping_of_the_world_after_lost_states_is_that_of_the_speed, power_off),
+        cmocka_unit_test_teardown(damping_of_the_world_after_a_hole_is_that_of_the_speed, power_off),
         cmocka_unit_test_teardown(time_that_goes_back_or_jumps_is_a_fault, power_off),
         cmocka_unit_test_teardown(a_tick_that_is_held_up_counts_once, power_off),
         cmocka_unit_test_setup_teardown(speed_after_a_late_tick_is_the_one_it_has, in_contact, power_off),
