@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from crease.base.native import ffi, lib
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
@@ -111,20 +111,28 @@ def quasi_static(at_m: F64, turn: Rotation, contacts: list[Contact]) -> F64:
         turning = np.cross(arms(x), normals) @ left_jacobian(1e-3 * x[3:] / reach) / reach
         return np.hstack([normals, turning])
 
-    found = minimize(
-        lambda x: 0.5 * x @ x,
-        np.zeros(6),
-        jac=lambda x: x,
-        constraints={"type": "ineq", "fun": gaps, "jac": slopes},
-        method="SLSQP",
-        options={"maxiter": 300, "ftol": 1e-13},
-    )
-    x = found.x
-    pressed = slopes(x)[gaps(x) < 1e-5].T
-    rest = nnls(pressed, x)[1] if pressed.size else float(np.linalg.norm(x))
-    assert gaps(x).min() > -1e-6
-    assert rest < 1e-4, "the reference itself is not the least: forces of the points do not balance"
-    return 1e-3 * np.concatenate([K_T * x[:3], K_R / reach * x[3:]])
+    def rest_of(x: F64) -> float:
+        """What the forces of the points do not balance; infinite where one is inside."""
+        pressed = slopes(x)[gaps(x) < 1e-5].T
+        rest = nnls(pressed, x)[1] if pressed.size else float(np.linalg.norm(x))
+        return float(rest) if gaps(x).min() > -1e-6 else np.inf
+
+    # From one beginning in fifty it goes round in circles, from another it ends: the balance tells.
+    rng = np.random.default_rng(0)
+    begin = np.zeros(6)
+    for _ in range(40):
+        x = minimize(
+            lambda x: 0.5 * x @ x,
+            begin,
+            jac=lambda x: x,
+            constraints={"type": "ineq", "fun": gaps, "jac": slopes},
+            method="SLSQP",
+            options={"maxiter": 100, "ftol": 1e-13},
+        ).x
+        if rest_of(x) < 1e-4:
+            return 1e-3 * np.concatenate([K_T * x[:3], K_R / reach * x[3:]])
+        begin = np.concatenate([rng.uniform(2, 6, 3), rng.uniform(-1, 1, 3)])
+    raise AssertionError("the reference finds no place where the forces of the points balance")
 
 
 def corner(play_m: float = 0.0) -> list[Contact]:
@@ -144,6 +152,9 @@ six = st.tuples(small, small, small, small, small, small)
 
 @settings(max_examples=60, deadline=None)
 @given(six)
+@example((1.0, 0.0, 1.0, 0.75, 1.0, 1.0))
+@example((1.0, 0.0, 0.0, 1.0, 1.0, 1.0))
+@example((-1.0, -0.5, -0.7, 1.0, 0.75, -1.0))
 def test_wrench_in_a_corner_is_the_quasi_static_one(where: tuple[float, ...]) -> None:
     at_m = HALF_M + 0.004 * np.array(where[:3]) - 0.002
     turn = Rotation.from_rotvec(0.1 * np.array(where[3:]))
