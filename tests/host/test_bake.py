@@ -50,8 +50,8 @@ def test_bakes_at_the_same_time_find_the_facets_of_one_alone() -> None:
 
 @pytest.mark.slow
 def test_a_tool_with_more_detail_than_a_tick_can_work_off_is_refused() -> None:
-    # A hundred cubes of 0.1 mm in a heap as wide as one sample: every sample is beside every other.
-    grid = np.stack(np.meshgrid(*(np.arange(n) for n in (5, 5, 4))), axis=-1).reshape(-1, 3)
+    # Cubes of 0.1 mm in a heap as wide as one sample: every sample is beside every other.
+    grid = np.stack(np.meshgrid(*(np.arange(n) for n in (4, 4, 4))), axis=-1).reshape(-1, 3)
     cubes = [trimesh.creation.box(extents=(0.1, 0.1, 0.1)) for _ in grid]
     for cube, place in zip(cubes, grid, strict=True):
         cube.apply_translation(0.2 * place)

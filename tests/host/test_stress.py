@@ -112,7 +112,7 @@ def two_workers(folder: Path, *words: str) -> Iterator[str]:
 
 def stress_table(folder: Path, *words: str) -> dict[str, Any]:
     """summary.json of a small campaign by the command, without times and what is run besides."""
-    options = f"--cases 12 --per-chunk 3 --scenes 1 --shrink 0 --drift 1000 --seed {SEED}".split()
+    options = f"--cases 8 --per-chunk 2 --scenes 1 --shrink 0 --drift 1000 --seed {SEED}".split()
     command = [sys.executable, "-m", "crease", "stress", "-o", str(folder), *options, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (folder / "summary.json").exists(), done.stderr
@@ -125,7 +125,7 @@ def test_two_dask_workers_processes_and_one_process_give_the_same_table(
     tmp_path: Path, tls: Path
 ) -> None:
     here = stress_table(tmp_path / "here")
-    assert here["cases"] == 12
+    assert here["cases"] == 8
     assert stress_table(tmp_path / "pool", "--jobs", "2") == here
     with two_workers(tmp_path) as address:
         assert address.startswith("tcp://")
