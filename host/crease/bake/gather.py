@@ -20,6 +20,8 @@ I32 = npt.NDArray[np.int32]
 FINE_SPREAD = 0.0962
 """Second moment of an equilateral triangle about its centroid, per axis, as a share of its area: sqrt(3) / 18."""
 CHUNK = 65_536
+CELL = 2.0
+"""Side of a cell of the search, in distances between sites: with 1 a step takes 40 % longer, with 3 as long."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ class Gathered:
         return bow
 
     def _grid(self, sites: F64) -> Any:
-        raw = lib.crs_new(_doubles(sites), sites.shape[1], len(sites), self._distance_m)
+        raw = lib.crs_new(_doubles(sites), sites.shape[1], len(sites), CELL * self._distance_m)
         if raw == ffi.NULL:
             raise MeshError(f"not enough memory for {len(sites):,} samples of the tool")
         return ffi.gc(raw, lib.crs_free)
