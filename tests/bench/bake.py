@@ -1,28 +1,57 @@
-"""Time and memory of `crease bake`: the 45,000-triangle block and a ball of 1,310,720 triangles.
+"""Time and memory of `crease bake`: the 45,000-triangle block, a ball of 1,310,720 triangles, tools of many samples.
 
-    python tests/bench/bake.py [--quick]        # quick: the block only
+    python tests/bench/bake.py [--quick]        # quick: the block, and a tool of 22,000 samples
+    python tests/bench/bake.py --shells         # the tools only
 
-Needs build/meshes (make meshes). Wall time and peak memory of the whole command, mesh loading included.
+Needs build/meshes (make meshes). Bakes: wall time and peak memory of the whole command, mesh loading included. Tools: a
+cube and balls, processor time and peak memory of the process so far.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import resource
 import tempfile
+import time
 from pathlib import Path
 
 import trimesh
 from bake_run import run_bake
+from crease.bake.shell import make_shell
+from crease.bake.surface import make_surface
+from crease.mesh.mesh import make_mesh
 
 ROOT = Path(__file__).resolve().parents[2]
 MESHES = ROOT / "build" / "meshes"
 
 
+def time_shells(quick: bool) -> None:
+    """Print one line per tool."""
+    cube = trimesh.load_mesh(MESHES / "cube60_2700.stl")
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=30.0)
+    tools = [(cube, 20_000), (ball, 17_000), (ball, 730_000)]
+    for shape, squares in tools[:1] if quick else tools:
+        surface = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3), 30.0)
+        start_s = time.process_time()
+        shell = make_shell(surface, 1e-3 * math.sqrt(shape.area / squares))
+        cpu_s = time.process_time() - start_s
+        memory_MiB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(
+            f"shell {shell.points:>9,} samples: {cpu_s:5.1f} s of the processor, {memory_MiB:5.0f} MiB peak"
+        )
+
+
 def main() -> None:
-    """Print one line per bake."""
+    """Print one line per tool and per bake."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="the block only")
-    quick = parser.parse_args().quick
+    parser.add_argument("--quick", action="store_true", help="the smallest of each only")
+    parser.add_argument("--shells", action="store_true", help="the tools only")
+    args = parser.parse_args()
+    quick = args.quick
+    time_shells(quick)
+    if args.shells:
+        return
     tool = MESHES / "cube60_2700.stl"
     with tempfile.TemporaryDirectory() as folder:
         statics = [(MESHES / "block45k.stl", 45_000)]

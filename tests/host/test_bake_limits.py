@@ -154,7 +154,7 @@ def test_the_same_bytes_with_any_number_of_workers(monkeypatch: pytest.MonkeyPat
     both = trimesh.util.concatenate([ball, other])
     images = set()
     for threads in (1, 2, 5):
-        for module in ("bake.surface", "bake.cells", "mesh.arrange"):
+        for module in ("bake.surface", "bake.gather", "mesh.arrange"):
             monkeypatch.setattr(f"crease.{module}.THREADS", threads)
         static, tool = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball))
         images.add(bake_scene(static, tool, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image)

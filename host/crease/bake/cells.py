@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from crease.bake.surface import THREADS, Surface
+from crease.bake.gather import I32, FinePoints, Gathered
+from crease.bake.surface import Surface
 from crease.bake.vectors import F64, I64, unit
+from crease.base.progress import part_of
+
+Tick = Callable[[float], None]
 
 DENSE_PER_SAMPLE = 24
 """Points of the fine sampling that each shell sample stands for."""
@@ -16,25 +20,29 @@ LLOYD_STEPS = 12
 """Relaxation steps towards a centroidal Voronoi tessellation; more changes the quadrature error by under 5 %."""
 NORMAL_WEIGHT = 1.5
 """How far apart, in spacings, two normals at right angles are held: keeps samples off sharp edges."""
-FINE_SPREAD = 0.0962
-"""Second moment of an equilateral triangle about its centroid, per axis, as a share of its area: sqrt(3) / 18."""
 FLAT = 1e-5
 """A piece that bends by less than this share of the spacing is flat: rounding of the mesh."""
 
 
-def fine_points(surface: Surface, area_m2: float) -> tuple[F64, F64, I64]:
-    """Every triangle cut into k^2 equal parts of at most area_m2: centroids, area vectors (n, 3), triangles (n,)."""
+def fine_points(surface: Surface, area_m2: float) -> FinePoints:
+    """Every triangle cut into k^2 equal parts of at most area_m2, those with the fewest parts first."""
     corners = surface.mesh.vertices_m[surface.mesh.triangles]
     normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     parts = np.ceil(np.sqrt(np.linalg.norm(normal, axis=1) / area_m2)).astype(np.int64)
-    points, areas, owner = [], [], []
+    position, owner = [], []
     for k in np.unique(parts[parts > 0]):
-        chosen = corners[parts == k]
+        chosen = np.flatnonzero(parts == k)
         weights = _part_weights(int(k))
-        points.append(np.einsum("wc,tcx->twx", weights, chosen).reshape(-1, 3))
-        areas.append(np.repeat(normal[parts == k] / k**2, k**2, axis=0))
-        owner.append(np.repeat(np.flatnonzero(parts == k), k**2))
-    return np.concatenate(points), np.concatenate(areas), np.concatenate(owner)
+        position.append(np.einsum("wc,tcx->twx", weights, corners[chosen]).reshape(-1, 3))
+        owner.append(np.repeat(chosen.astype(np.int32), k**2))
+    area = normal / np.maximum(parts, 1)[:, None] ** 2
+    return FinePoints(
+        np.concatenate(position),
+        np.concatenate(owner),
+        unit(area),
+        area,
+        np.linalg.norm(area, axis=1),
+    )
 
 
 def _part_weights(k: int) -> F64:
@@ -60,67 +68,71 @@ class Cells:
     patch: I64
 
 
-def relax(points: F64, areas: F64, patch: int, spacing_m: float) -> Cells:
+def relax(fine: FinePoints, patch: int, spacing_m: float, tick: Tick) -> Cells:
     """Fine points of one patch gathered into cells: positions on the surface, area vectors that add up, and the
     second moment of each cell about its middle.
 
     A centroidal Voronoi tessellation in the space of position and weighted normal.
     """
-    scale = NORMAL_WEIGHT * spacing_m
-    lifted = np.hstack([points, scale * unit(areas)])
-    weight = np.linalg.norm(areas, axis=1)
-    box = np.floor(lifted / np.array([spacing_m] * 3 + [0.9 * scale] * 3) + 0.5).astype(np.int64)
-    _, label = np.unique(box, axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    for _ in range(LLOYD_STEPS):
-        sites = _means(lifted, weight, label)
-        _, label = cKDTree(sites).query(lifted, workers=THREADS)
-        _, label = np.unique(label, return_inverse=True)
-    count = int(label.max()) + 1
-    middle = _means(points, weight, label)
-    area = np.column_stack([np.bincount(label, areas[:, k], count) for k in range(3)]).astype(
-        np.float64
-    )
+    points = Gathered(fine, NORMAL_WEIGHT * spacing_m, spacing_m)
+    label = first_cells(fine, spacing_m)
+    for step in range(LLOYD_STEPS):
+        label = without_gaps(points.nearest(points.means(label), label))
+        tick((step + 1) / LLOYD_STEPS)
+    middle = np.ascontiguousarray(points.means(label)[:, :3])
+    own = fine.area_m2[fine.triangle]
+    area = np.column_stack([np.bincount(label, own[:, k]) for k in range(3)]).astype(np.float64)
     direction = unit(area)
-    near = cKDTree(points).query(middle)[1]
-    lift = np.einsum("nx,nx->n", points[near] - middle, direction)
-    spread = _second_moment(points, areas, middle, label)
+    near = points.closest(middle, label)
+    lift = np.einsum("nx,nx->n", fine.position_m[near] - middle, direction)
+    spread = points.spreads(middle, label)
     site = middle + lift[:, None] * direction
-    bow = np.zeros(count)
-    np.maximum.at(bow, label, _behind(points, areas, site[label], direction[label]))
+    bow = points.bows(site, direction, label)
     bow[bow < FLAT * spacing_m] = 0.0
-    return Cells(site, area, spread, bow, np.full(count, patch))
+    return Cells(site, area, spread, bow, np.full(len(middle), patch))
 
 
-def _behind(points: F64, areas: F64, sites: F64, normals: F64) -> F64:
-    """How far the fine pieces reach behind planes through sites, row by row, (n,)."""
-    tilt = np.linalg.norm(np.cross(unit(areas), normals), axis=1)
-    size = np.sqrt(np.linalg.norm(areas, axis=1))
-    return np.asarray(size * tilt - np.einsum("nx,nx->n", points - sites, normals))
+def first_cells(fine: FinePoints, spacing_m: float) -> I32:
+    """Which box each fine point is in, (n,); boxes counted in the order of their coordinates."""
+    lift_m = NORMAL_WEIGHT * spacing_m
+    key, room = np.zeros(len(fine.triangle), np.int64), 1
+    for k in range(6):
+        column = fine.position_m[:, k] if k < 3 else lift_m * fine.normal[fine.triangle, k - 3]
+        box = np.floor(column / (spacing_m if k < 3 else 0.9 * lift_m) + 0.5).astype(np.int64)
+        box -= box.min()
+        size = int(box.max()) + 1
+        if room * size >= 2**62:
+            key = np.unique(key, return_inverse=True)[1].reshape(-1)
+            room = int(key.max()) + 1
+        key = key * size + box
+        room *= size
+    return np.asarray(np.unique(key, return_inverse=True)[1].reshape(-1), np.int32)
 
 
-def _second_moment(points: F64, areas: F64, middle: F64, label: I64) -> F64:
-    """Mean of d d^T over each cell, d from its middle, the size of the fine pieces included. Shape (cells, 3, 3)."""
-    weight = np.linalg.norm(areas, axis=1)
-    d = points - middle[label]
-    normal = unit(areas)
-    own = (
-        FINE_SPREAD * weight[:, None, None] * (np.eye(3) - normal[:, :, None] * normal[:, None, :])
-    )
-    moment = (d[:, :, None] * d[:, None, :] + own).reshape(-1, 9)
-    return _means(moment, weight, label).reshape(-1, 3, 3)
+def without_gaps(label: I32) -> I32:
+    """Labels counted without those that nothing has, in the same order."""
+    used = np.bincount(label) > 0
+    return np.asarray((np.cumsum(used, dtype=np.int32) - 1)[label], np.int32)
 
 
-def make_cells(surface: Surface, spacing_m: float) -> Cells:
+def make_cells(surface: Surface, spacing_m: float, tick: Tick = lambda _part: None) -> Cells:
     """Cells of the whole surface, none across a crease."""
-    points, areas, owner = fine_points(surface, spacing_m**2 / DENSE_PER_SAMPLE)
-    patch = surface.patch_of[owner]
+    fine = fine_points(surface, spacing_m**2 / DENSE_PER_SAMPLE)
+    patch = surface.patch_of[fine.triangle]
     order = np.argsort(patch, kind="stable")
     bounds = np.flatnonzero(np.diff(patch[order])) + 1
-    parts = [
-        relax(points[rows], areas[rows], int(patch[rows[0]]), spacing_m)
-        for rows in np.split(order, bounds)
-    ]
+    parts, done = [], 0
+    for rows in np.split(order, bounds):
+        share = len(rows) / len(order)
+        parts.append(
+            relax(
+                fine.of(rows),
+                int(patch[rows[0]]),
+                spacing_m,
+                part_of(tick, done / len(order), share),
+            )
+        )
+        done += len(rows)
     return Cells(
         np.concatenate([c.position_m for c in parts]),
         np.concatenate([c.area_m2 for c in parts]),
@@ -128,9 +140,3 @@ def make_cells(surface: Surface, spacing_m: float) -> Cells:
         np.concatenate([c.bow_m for c in parts]),
         np.concatenate([c.patch for c in parts]),
     )
-
-
-def _means(values: F64, weight: F64, label: I64) -> F64:
-    total = np.bincount(label, weight)
-    columns = [np.bincount(label, weight * values[:, k]) for k in range(values.shape[1])]
-    return np.column_stack(columns) / np.maximum(total, 1e-300)[:, None]

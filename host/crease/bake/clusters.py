@@ -60,26 +60,28 @@ SPREAD_FIELDS = {
 
 def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
     """SoA records; unused lanes repeat the first point without area."""
+    count = np.array([len(ids) for ids in groups])
+    lane = np.arange(LANES)
+    real = lane < count[:, None]
+    first = np.cumsum(count) - count
+    lanes = np.concatenate(groups)[first[:, None] + np.where(real, lane, 0)]
     out = np.zeros(len(groups), CLUSTER)
-    for row, ids in zip(out, groups, strict=True):
-        lanes = np.concatenate([ids, np.full(LANES - len(ids), ids[0])])
-        real = np.arange(LANES) < len(ids)
-        for k, axis in enumerate("xyz"):
-            row[axis] = samples.position_m[lanes, k]
-            row["a" + axis] = samples.area_m2[lanes, k] * real
-        row["area"] = np.linalg.norm(samples.area_m2[lanes], axis=1) * real
-        for name, (i, j) in SPREAD_FIELDS.items():
-            row[name] = 12 * samples.spread_m2[lanes, i, j]
-        row["ramp"] = rounded_up(samples.ramp_m[lanes])
-        row["reach"] = samples.reach_m[lanes] * real
-        row["bow"] = np.where(samples.bow_m[lanes] > 0, rounded_up(samples.bow_m[lanes]), 0)
-        row["count"] = len(ids)
-        row["crease_mask"] = int((samples.crease[lanes] & real) @ (1 << np.arange(LANES)))
-        row["vertex_mask"] = int((samples.vertex[lanes] & real) @ (1 << np.arange(LANES)))
-        normal = samples.area_m2[ids].sum(axis=0)
-        row["normal"] = unit(normal)
-        mean = samples.position_m[ids].mean(axis=0)
-        row["radius_m"] = rounded_up(np.linalg.norm(samples.position_m[ids] - mean, axis=1).max())
+    position, area = samples.position_m[lanes], samples.area_m2[lanes]
+    for k, axis in enumerate("xyz"):
+        out[axis] = position[:, :, k]
+        out["a" + axis] = area[:, :, k] * real
+    out["area"] = np.linalg.norm(area, axis=2) * real
+    for name, (i, j) in SPREAD_FIELDS.items():
+        out[name] = 12 * samples.spread_m2[lanes, i, j]
+    out["ramp"] = rounded_up(samples.ramp_m[lanes])
+    out["reach"] = samples.reach_m[lanes] * real
+    out["bow"] = np.where(samples.bow_m[lanes] > 0, rounded_up(samples.bow_m[lanes]), 0)
+    out["count"] = count
+    out["crease_mask"] = (samples.crease[lanes] & real) @ (1 << lane)
+    out["vertex_mask"] = (samples.vertex[lanes] & real) @ (1 << lane)
+    out["normal"] = unit((area * real[:, :, None]).sum(axis=1))
+    mean = (position * real[:, :, None]).sum(axis=1) / count[:, None]
+    out["radius_m"] = rounded_up(np.linalg.norm(position - mean[:, None], axis=2).max(axis=1))
     return out
 
 

@@ -12,8 +12,8 @@ from crease.base.units import format_length, format_size
 from crease.mesh.mesh import Mesh
 from crease.mesh.topology import areas_m2
 
-SAMPLE_BYTES = 7_000
-"""Peak memory for each sample of a shell, measured on a cube and a ball of 100,000 samples; mostly its fine points."""
+SAMPLE_BYTES = 3_500
+"""Peak memory for each sample of a shell; measured on a ball of a million: 2,600, mostly its fine points."""
 BRICK_BYTES = 24_000
 """Peak memory for each brick near the surface: 729 distances and facets, 512 cells, a share of finer samples."""
 GRID_BYTES = 40

@@ -33,8 +33,10 @@ def _beside(points: F64, cluster: I64, reach_m: float) -> list[I64]:
     """Clusters beside each cluster. Shapes: points (n, 3), cluster (n,)."""
     count = int(cluster.max()) + 1
     pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
-    both = np.unique(np.concatenate([cluster[pairs], cluster[pairs[:, ::-1]]]), axis=0)
-    both = both[both[:, 0] != both[:, 1]]
+    ends = cluster[pairs]
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    keys = np.unique(np.concatenate([ends @ [count, 1], ends @ [1, count]]))
+    both = np.column_stack([keys // count, keys % count])
     starts = np.searchsorted(both[:, 0], np.arange(count + 1))
     return [both[starts[i] : starts[i + 1], 1] for i in range(count)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,9 +39,11 @@ class Samples:
     patch: I64
 
 
-def make_samples(surface: Surface, spacing_m: float) -> Samples:
+def make_samples(
+    surface: Surface, spacing_m: float, tick: Callable[[float], None] = lambda _part: None
+) -> Samples:
     """The shell before grouping."""
-    cells = make_cells(surface, spacing_m)
+    cells = make_cells(surface, spacing_m, tick)
     position, count = cells.position_m, len(cells.position_m)
     spots = feature_points(surface, spacing_m)
     spot_area = FEATURE_AREA * spacing_m**2 * spots.normal

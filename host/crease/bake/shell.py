@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -18,6 +19,7 @@ from crease.bake.surface import Surface
 from crease.bake.vectors import F64, I64, rounded_up, unit
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.progress import part_of
 from crease.base.settings import setting
 
 BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
@@ -26,6 +28,8 @@ UNITS_MAX = 2000
 """Parts of a tool's surface that are put together to convex pieces; each has so many samples that there are no more."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
+SAMPLES_SHARE = 0.7
+"""Part of the time of a large shell that its samples take, before they are grouped."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +82,14 @@ def make_adjacency(
     own = (home[within, 0], lane_of[both[within, 0]])
     np.bitwise_or.at(clusters["beside"], own, bit[within, 1])
     home, bit = home[~within], bit[~within]
-    keys = np.column_stack([home, bit[:, 0]])
-    links, where = np.unique(keys, axis=0, return_inverse=True)
+    keys = (home[:, 0] * len(groups) + home[:, 1]) << 16 | bit[:, 0].astype(np.int64)
+    links, where = np.unique(keys, return_inverse=True)
     out = np.zeros(len(links), NEIGHBOUR)
-    out["cluster"], out["mine"] = links[:, 1], links[:, 2]
+    out["cluster"], out["mine"] = (links >> 16) % len(groups), links & 0xFFFF
     np.bitwise_or.at(out["theirs"], where.reshape(-1), bit[:, 1])
-    start = np.searchsorted(links[:, 0], np.arange(len(groups) + 1)).astype(np.uint32)
+    start = np.searchsorted((links >> 16) // len(groups), np.arange(len(groups) + 1)).astype(
+        np.uint32
+    )
     most = int(np.diff(start).max())
     if most > BESIDE_MAX:
         raise MeshError(
@@ -123,14 +129,21 @@ def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
     return np.asarray(of_face[nearest])
 
 
-def make_shell(surface: Surface, spacing_m: float) -> Shell:
+def make_shell(
+    surface: Surface, spacing_m: float, tick: Callable[[float], None] = lambda _part: None
+) -> Shell:
     """The complete shell of a tool mesh."""
-    samples = make_samples(surface, spacing_m)
+    samples = make_samples(surface, spacing_m, part_of(tick, 0.0, SAMPLES_SHARE))
     order = cluster_order(samples, spacing_m)
     clusters = make_clusters(samples, order)
     pieces = pieces_of(samples, spacing_m, surface)
+    alike: dict[bytes, tuple[I64, I64]] = {}
     for row, ids in zip(clusters, order, strict=True):
-        row["piece"], row["piece_lanes"] = pieces_of_lanes(pieces[ids])
+        mine = pieces[ids]
+        key = mine.tobytes()
+        if key not in alike:
+            alike[key] = pieces_of_lanes(mine)
+        row["piece"], row["piece_lanes"] = alike[key]
     groups, levels = make_tree(clusters)
     start, adj = make_adjacency(clusters, order, neighbours(samples, spacing_m))
     root, radius = ball(samples.position_m, np.zeros(len(samples.position_m)))

@@ -11,6 +11,9 @@ import numpy.typing as npt
 from crease.bake.layout import GROUP, LANES
 from crease.bake.vectors import F64, I64, rounded_up
 
+BLOCK = 2048
+"""Sets of points that are worked on at once: they stay in the processor's cache."""
+
 
 def ball(points: F64, extra: F64) -> tuple[F64, float]:
     """A small sphere round spheres of radius extra at points: centre and radius. Badoiu, Clarkson 2003."""
@@ -24,6 +27,22 @@ def ball(points: F64, extra: F64) -> tuple[F64, float]:
     return centre, float(reach.max())
 
 
+def balls(points: F64, extra: F64) -> tuple[F64, F64]:
+    """The same for many sets of as many points each, to the bit. Shapes: points (n, k, 3), extra (n, k)."""
+    middle, radius = np.empty((len(points), 3)), np.empty(len(points))
+    for first in range(0, len(points), BLOCK):
+        part, more = points[first : first + BLOCK], extra[first : first + BLOCK]
+        rows = np.arange(len(part))
+        centre = 0.5 * (part.min(axis=1) + part.max(axis=1))
+        for step in range(1, 40):
+            far = np.argmax(np.linalg.norm(part - centre[:, None], axis=2) + more, axis=1)
+            centre = centre + (part[rows, far] - centre) / (step + 1)
+        centre = centre.astype(np.float32).astype(np.float64)
+        reach = np.linalg.norm(part - centre[:, None], axis=2) + more
+        middle[first : first + BLOCK], radius[first : first + BLOCK] = centre, reach.max(axis=1)
+    return middle, radius
+
+
 @dataclass(frozen=True)
 class _Level:
     centre: F64
@@ -35,11 +54,11 @@ class _Level:
 
 def _cluster_level(clusters: npt.NDArray[Any]) -> _Level:
     points = np.stack([clusters[axis] for axis in "xyz"], axis=2).astype(np.float64)
-    balls = [ball(p, np.zeros(LANES)) for p in points]
+    centre, radius = balls(points, np.zeros(points.shape[:2]))
     margin = clusters["ramp"].astype(np.float64).max(axis=1)
     return _Level(
-        np.array([b[0] for b in balls]),
-        np.array([b[1] for b in balls]),
+        centre,
+        radius,
         margin,
         np.linalg.norm(points, axis=2).max(axis=1),
         np.arange(len(clusters)),
@@ -56,10 +75,16 @@ def make_tree(clusters: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], int]:
         levels.append((level, parts))
         if len(parts) == 1:
             break
-        balls = [ball(level.centre[p], level.radius[p]) for p in parts]
+        full = count // LANES * LANES
+        centre, radius = balls(
+            level.centre[:full].reshape(-1, LANES, 3), level.radius[:full].reshape(-1, LANES)
+        )
+        if full < count:
+            last, reach = ball(level.centre[full:], level.radius[full:])
+            centre, radius = np.vstack([centre, last]), np.append(radius, reach)
         level = _Level(
-            np.array([b[0] for b in balls]),
-            np.array([b[1] for b in balls]),
+            centre,
+            radius,
             np.array([level.margin[p].max() for p in parts]),
             np.array([level.rho[p].max() for p in parts]),
             np.array([level.first[p[0]] for p in parts]),

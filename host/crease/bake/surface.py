@@ -76,6 +76,9 @@ class Surface:
             )
 
         starts = range(0, len(points), _CHUNK)
+        if len(starts) == 1:
+            work(0)
+            return phi, triangle
         with ThreadPoolExecutor(THREADS) as pool:
             for done, _ in enumerate(pool.map(work, starts)):
                 if tick is not None:

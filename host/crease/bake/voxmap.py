@@ -20,6 +20,7 @@ from crease.bake.refine import Coarse, Fine, pack_fine, refine
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.progress import part_of
 from crease.base.settings import setting
 
 F64 = npt.NDArray[np.float64]
@@ -386,16 +387,11 @@ def _base_samples(
         rows = slice(first, first + BLOCK)
         share, done = min(1.0, BLOCK / len(where)), first / len(where)
         distance, triangle = surface.signed_distance(
-            brick_points(grid, where[rows], base), _part_of(tick, done, share)
+            brick_points(grid, where[rows], base), part_of(tick, done, share)
         )
         phi[rows] = distance.reshape(-1, *shape)
         facet[rows] = surface.facet_of[triangle].reshape(-1, *shape)
     return phi, facet
-
-
-def _part_of(tick: Tick, done: float, share: float) -> Tick:
-    """Progress of a part of the work, of which some was done before."""
-    return lambda part: tick(done + share * part)
 
 
 def _pack_bricks(

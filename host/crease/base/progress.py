@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from typing import TextIO
 
 _WIDTH = 30
@@ -52,3 +53,8 @@ def _left_text(spent_s: float, part: float) -> str:
     if spent_s < _DELAY_S or part < 0.05 or part >= 1.0:
         return ""
     return f", {spent_s * (1.0 - part) / part:.0f} s left"
+
+
+def part_of(tick: Callable[[float], None], done: float, share: float) -> Callable[[float], None]:
+    """Progress of a part of the work, of which some was done before."""
+    return lambda part: tick(done + share * part)
