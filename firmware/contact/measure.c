@@ -37,7 +37,8 @@ static int is_passed(const cr_way_survey *s, uint32_t count) {
 }
 
 /* What was begun is done, but for a half-space that waits. */
-static void end_surface(cr_way_work *w) {
+static void end_surface(const cr_way_survey *s) {
+    cr_way_work *w = s->work;
     if (w->seen == w->done) {
         w->surfaces_done = w->surfaces;
         w->done = 0u;
@@ -60,14 +61,14 @@ static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
     }
     w->spent += PARTS_OF_SURFACE + s->zones->count;
     if (sides == 0u) {
-        end_surface(w);
+        end_surface(s);
     }
     return sides;
 }
 
 static void count_surface(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, const float *part) {
     cr_way_count(s, at, surface, 0u, part);
-    end_surface(s->work);
+    end_surface(s);
 }
 
 /* Lanes where the static object is convex, bounded by planes: each is inside of the nearest, and knows the others. */
@@ -141,7 +142,7 @@ static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
             cr_way_count(s, &some, surface, side, part);
         }
     }
-    end_surface(s->work);
+    end_surface(s);
 }
 
 /* Lanes over a facet that is not curved. */
