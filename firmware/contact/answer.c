@@ -93,11 +93,7 @@ static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr
     }
 }
 
-static void count_pairs(cr_way_work *work, uint32_t pairs) {
-    work->pairs += pairs;
-    work->spent += work->pairs / PAIRS_OF_WORK;
-    work->pairs %= PAIRS_OF_WORK;
-}
+static void count_pairs(cr_way_work *work, uint32_t pairs) { work->spent += pairs * (CR_WORK_PARTS / PAIRS_OF_WORK); }
 
 static void begin_push(cr_way_work *work) {
     const cr_way_half *half = work->half;
@@ -109,14 +105,13 @@ static void begin_push(cr_way_work *work) {
     }
     cr_way_resolve_begin(work->normal, work->depth_m, count, &work->along, work->push_m);
     work->resolving = 1u;
-    work->pairs = 0u;
     count_pairs(work, 2u * work->along.count * work->along.count);
-    work->spent += count / HALVES_OF_WORK; /* to be reported */
+    work->spent += CR_WORK_PARTS / HALVES_OF_WORK * count; /* to be reported */
 }
 
 int cr_way_push(cr_way_work *work, uint32_t lookups_max) {
     int still = 0;
-    while (!still && work->spent < lookups_max) {
+    while (!still && work->spent / CR_WORK_PARTS < lookups_max) {
         if (work->resolving == 0u) {
             begin_push(work);
         } else {

@@ -23,11 +23,14 @@
 /* Less than any cosine: no plane of this lane. */
 #define NO_PLANE (-2.0f)
 
-/* Work, in lookups of 16 points: of lanes whose longest way is looked for on their pieces, and of those where it takes all exits, one in so many; of
+/* Work, in lookups of 16 points: of lanes whose longest way is looked for on their pieces, and of the exits of those where it takes all, one in so many; of
  * half-spaces that lanes may count for. */
 #define LANES_OF_WORK 4u
-#define FULL_OF_WORK 2u
+#define EXITS_OF_WORK 8u
 #define HALVES_OF_WORK 2u
+/* In parts of a unit: a side of a surface that has zones, and each of these that its lanes are of. */
+#define PARTS_OF_SIDE 96u
+#define PARTS_OF_ZONE 128u
 
 /* How far along the normal each of some lanes has to go until it is outside: steps as long as the distance. */
 static void march(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 way, float most_m,
@@ -47,7 +50,7 @@ static void march(const cr_way_survey *s, const struct cr_img_cluster *c, uint32
             place->z[i] = from->z[i] + to.z * gone_m[i];
         }
         cr_field_look_up_lanes(s->in->field, place, lanes, found);
-        s->work->spent += 1u;
+        s->work->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * count_lanes(found->on_planes);
         for (uint32_t left = lanes; left != 0u;) {
             const int i = take_lane(&left);
             if (found->phi_m[i] < -MARCH_END * c->ramp[i]) {
@@ -262,11 +265,12 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
     float gone[CR_LANES], most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
-    s->work->spent += (count_lanes(lanes) + LANES_OF_WORK - 1u) / LANES_OF_WORK;
+    const uint32_t count = count_lanes(lanes);
     if (lanes == 0u) {
         return;
     }
     if (exits_of_planes(at, half, &exits)) {
+        s->work->spent += count * exits.count * (CR_WORK_PARTS / EXITS_OF_WORK);
         count_by_planes(at, lanes, part, &exits, half);
         return;
     }
@@ -291,7 +295,8 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
         steep |= (uint32_t)(w.steep[i] >= trusted) << i;
     }
     left &= lanes & ~w.plain;
-    s->work->spent += count_lanes(left) / FULL_OF_WORK;
+    s->work->spent +=
+        count * (CR_WORK_PARTS / LANES_OF_WORK) + count_lanes(left) * (e->count + 2u) * (CR_WORK_PARTS / EXITS_OF_WORK);
     if ((left & ~steep) != 0u) {
         march(s, at->c, left & ~steep, half->normal, most, gone);
     }
@@ -310,16 +315,15 @@ static float nearness(const cr_way_survey *s, const cr_way_spots *at, int i, uin
     return clamp_f((2.0f * mine + ramp - its) / (mine + ramp), 0.0f, 1.0f) * clamp_f(its / ramp, 0.0f, 1.0f);
 }
 
-/* Is it the turn of the next half-space that lanes of the hit in hand count for? Those of an earlier tick are passed over; when the work of this one is
- * done the rest waits. One at least has its turn. */
+/* Is it the turn of the next half-space that lanes over the surface in hand count for? Those of an earlier tick are passed over. */
 static int is_next(const cr_way_survey *s) {
     cr_way_work *w = s->work;
-    CR_ASSERT(w->begun <= w->done);
-    if (w->seen++ < w->done || (w->spent >= s->lookups_max && w->done > w->begun)) {
+    if (w->seen++ < w->done || cr_way_waits(s)) {
         return 0;
     }
     w->done++;
-    w->spent += w->done % HALVES_OF_WORK == 0u;
+    w->moved = 1u;
+    w->spent += CR_WORK_PARTS / HALVES_OF_WORK;
     return 1;
 }
 
@@ -349,22 +353,15 @@ static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32
 }
 
 void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part) {
-    cr_way_work *w = s->work;
-    if (w->surfaces++ < w->surfaces_done || w->seen > w->done) {
-        return; /* done in an earlier tick, or behind one that waits */
-    }
     find_deep(at);
+    s->work->spent += PARTS_OF_SIDE;
     for (int slot = 0; slot < CR_PIECES; slot++) {
         const cr_way_key key = {surface, side, at->c->piece[slot]};
         const uint32_t lanes = at->lanes & at->c->piece_lanes[slot];
         const uint32_t z = key.piece == CR_PIECE_NONE || lanes == 0u ? CR_WAY_NONE : cr_way_find(s->zones, key);
         if (z != CR_WAY_NONE) {
-            w->spent += 1u;
+            s->work->spent += PARTS_OF_ZONE;
             count_in_zone(s, at, lanes, z, part);
         }
-    }
-    if (w->seen == w->done) {
-        w->surfaces_done = w->surfaces;
-        w->done_there = w->done;
     }
 }

@@ -13,13 +13,15 @@
 /* Odometers are rebased where their sum, m and rad, reaches this: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
-/* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; to tell what it is inside of, and
- * for each lane in a cell where planes meet. */
+/* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; beside what is made of it, to tell what it is inside of
+ * there. */
 #define WORK_OF_PLANES 1u
 #define WORK_OF_CELLS 2u
-#define WORK_INSIDE_PLANES 1u
-#define WORK_INSIDE_CELLS 3u
-#define WORK_OF_MEETING 1u
+#define WORK_INSIDE_CELLS 2u
+/* And of lanes in cells where planes meet one in so many. */
+#define MEETING_OF_WORK 2u
+/* In parts of a unit: of a lane that planes cut, each of them. */
+#define PARTS_OF_CUT 6u
 
 static void forget(cr_motion *m) {
     m->slide_m = m->slide_lost_m = 0.0f;
@@ -70,6 +72,11 @@ typedef struct {
     cr_planes *planes; /* those that the last cluster on planes lay at */
     float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
+
+static void look_up(const walk *w, const cr_lanes3 *world, uint32_t lanes, cr_lookup *out) {
+    cr_field_look_up_lanes(w->field, world, lanes, out);
+    w->search->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * count_lanes(out->on_planes);
+}
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
     uint32_t mask = 0u;
@@ -149,10 +156,12 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
-    w->search->spent += l->planes != NULL
-                            ? WORK_INSIDE_PLANES
-                            : WORK_INSIDE_CELLS + WORK_OF_MEETING * count_lanes(l->covered & l->at->on_planes);
     cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
+    w->search->spent +=
+        (w->set->way.layers.parts +
+         (l->at == NULL ? 0u
+                        : WORK_INSIDE_CELLS * CR_WORK_PARTS +
+                              CR_WORK_PARTS / MEETING_OF_WORK * count_lanes(l->covered & l->at->on_planes)));
 }
 
 /* Lanes whose piece may be inside where its middle is not: creases that come near, and covered faces. */
@@ -168,6 +177,7 @@ static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int la
     float coverage[CR_LANES];
     cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
     cr_field_look_up(w->field, &world, &at);
+    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * count_lanes(at.on_planes);
     cr_cover(w->scene, w->pose, w->options->coverage, c, &at, coverage);
     uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u;
     for (int i = 0; i < CR_LANES; i++) {
@@ -235,9 +245,11 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
+    w->search->spent += WORK_OF_PLANES * CR_WORK_PARTS;
     for (uint32_t left = h.cut & used; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;
+        w->search->spent += PARTS_OF_CUT * p->count;
         coverage[i] = cover_cut_lane(w, c, p, &h, i, &phi_m);
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
@@ -261,7 +273,6 @@ static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
     const uint32_t kind = cr_planes_around(w->field, centre, f->reach_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
-    w->search->spent += kind != 0u ? WORK_OF_PLANES : WORK_OF_CELLS;
     if (kind == 0u) {
         return look_up_points(w, f->cluster, b, lane);
     }
@@ -331,10 +342,9 @@ static void look_up_waiting(walk *w) {
         b->world.y[i] = g->y[lane];
         b->world.z[i] = g->z[lane];
     }
-    s->spent++;
     w->stats->nodes += count;
     cr_lanes_to_world(w->pose, b->world.x, b->world.y, b->world.z, &b->world);
-    cr_field_look_up_lanes(w->field, &b->world, first_lanes(count), &b->centres);
+    look_up(w, &b->world, first_lanes(count), &b->centres);
     s->looked_up = count;
     s->visited = 0u;
 }
@@ -359,10 +369,9 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     cr_lanes3 world;
     cr_lookup centres;
     float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
-    w->search->spent++;
     w->stats->nodes += count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
-    cr_field_look_up_lanes(w->field, &world, lanes, &centres);
+    look_up(w, &world, lanes, &centres);
     for (uint32_t left = lanes; left != 0u;) {
         int i = take_lane(&left);
         float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
@@ -405,7 +414,7 @@ static void descend(walk *w) {
 /* Go on until nothing is left, or the work of a tick is done. Returns whether nothing is left. */
 static int walk_on(walk *w) {
     cr_descent *s = w->search;
-    while (s->spent < w->options->lookups_max) {
+    while (s->spent / CR_WORK_PARTS < w->options->lookups_max) {
         if (s->looked_up > 0u) {
             visit_next(w);
         } else if (s->waiting == CR_LANES || (s->depth == 0u && s->waiting > 0u)) {

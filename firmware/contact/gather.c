@@ -1,6 +1,9 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
+/* Work, in parts of a unit: of a layer that is added to the zones of one piece. */
+#define PARTS_OF_LAYER 256u
+
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     for (uint32_t z = 0; z < zones->count; z++) {
         const cr_way_key *k = &zones->zones[z].key;
@@ -117,7 +120,7 @@ const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c,
 static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
     static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
     const uint32_t used = first_lanes(s->clusters[set->hits[hit].cluster].count);
-    set->way.layers.count = 0u;
+    set->way.layers.count = set->way.layers.parts = 0u;
     set->way.layers.near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
     set->way.layers.reach = none;
     for (int i = 0; i < CR_LANES; i++) {
@@ -133,6 +136,7 @@ static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set
     for (uint32_t k = 0; k < l->count; k++) {
         for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
             add_layer(s, pose, c, slot, l, k, hit, &set->way);
+            set->way.layers.parts += PARTS_OF_LAYER;
         }
     }
 }

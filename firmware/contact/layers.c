@@ -15,6 +15,9 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
+/* Work, in parts of a unit: of each plane or facet that a lane may count for, and of a cell's planes. */
+#define PARTS_OF_SHARE 12u
+#define PARTS_OF_PLANE 64u
 /* A spread of normals of which nothing follows. */
 #define NO_SPREAD 3.0f
 
@@ -113,6 +116,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
                                  const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
     const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage);
     float total = 0.0f;
+    out->parts += PARTS_OF_SHARE * p->count;
     for (uint32_t k = 0; k < p->count; k++) {
         total += share_of(c, i, h, k);
     }
@@ -213,6 +217,7 @@ static void fill_looked_up(const cr_field *f, const cr_way_facets *on, int i, cr
     } else if (on->count == 0u) {
         lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
     }
+    out->parts += PARTS_OF_SHARE * on->count;
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
@@ -366,6 +371,7 @@ static void fill_over_cells(const cr_field *f, const xform *pose, const struct c
         lanes &= ~same;
         cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
         cr_planes_measure(&planes, c, &heights);
+        out->parts += PARTS_OF_PLANE * planes.count;
         cr_way_over_planes(f->scene, c, same, coverage, &planes, &heights, out);
     }
 }

@@ -10,6 +10,12 @@
 #define WORK_OF_LOOKUP 4u
 #define ZONES_OF_WORK 16u
 #define PAIRS_OF_WORK 64u
+/* In parts of a unit: a hit that is asked whether it may be deeper, beside zones, pairs of zones and half-spaces that it is asked for; a surface, beside zones that might be
+ * of it; a facet of a lane in a cell; of a cell where planes meet each of them. */
+#define PARTS_OF_ASKED 4u
+#define PARTS_OF_SURFACE 8u
+#define PARTS_OF_FACET 8u
+#define PARTS_OF_PLANE 48u
 
 /* Not filled with zeros: there is one for each plane of each hit. */
 static void set_spots(cr_way_spots *at, const struct cr_img_cluster *c, uint32_t lanes, uint32_t count) {
@@ -22,19 +28,64 @@ static void set_spots(cr_way_spots *at, const struct cr_img_cluster *c, uint32_t
 static const float whole[CR_LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f,
                                       1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
 
+/* Are the next surfaces of the hit in hand passed over? Those that are done, and when the work of this tick is, the rest. */
+static int is_passed(const cr_way_survey *s, uint32_t count) {
+    cr_way_work *w = s->work;
+    const int passed = w->surfaces + count <= w->surfaces_done || cr_way_waits(s);
+    w->surfaces += passed ? count : 0u;
+    return passed;
+}
+
+/* What was begun is done, but for a half-space that waits. */
+static void end_surface(const cr_way_survey *s) {
+    cr_way_work *w = s->work;
+    if (w->seen == w->done) {
+        w->surfaces_done = w->surfaces;
+        w->done = 0u;
+        w->moved = 1u;
+    }
+}
+
+/* The next surface. Returns the sides of it that have a zone, as bits: none, when it is passed over. */
+static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
+    cr_way_work *w = s->work;
+    uint32_t sides = 0u;
+    if (is_passed(s, 1u)) {
+        return 0u;
+    }
+    w->surfaces++;
+    w->seen = 0u;
+    for (uint32_t z = 0; z < s->zones->count; z++) {
+        const cr_way_key *k = &s->zones->zones[z].key;
+        sides |= (uint32_t)(k->surface == surface) << k->side;
+    }
+    w->spent += PARTS_OF_SURFACE + s->zones->count;
+    if (sides == 0u) {
+        end_surface(s);
+    }
+    return sides;
+}
+
+static void count_surface(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, const float *part) {
+    cr_way_count(s, at, surface, 0u, part);
+    end_surface(s);
+}
+
 /* Lanes where the static object is convex, bounded by planes: each is inside of the nearest, and knows the others. */
 static void over_solid(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                        const cr_heights *h) {
     for (uint32_t top = 0; top < p->count; top++) {
+        const uint32_t its = lanes & h->highest[top];
+        if (its == 0u || begin_surface(s, p->facet[top]) == 0u) {
+            continue;
+        }
         cr_way_spots at;
-        set_spots(&at, c, lanes & h->highest[top], p->count);
+        set_spots(&at, c, its, p->count);
         for (uint32_t k = 0; k < p->count; k++) {
             const uint32_t to = k == top ? 0u : k == 0u ? top : k;
             at.planes[to] = (cr_way_known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
         }
-        if (at.lanes != 0u) {
-            cr_way_count(s, &at, p->facet[top], 0u, whole);
-        }
+        count_surface(s, &at, p->facet[top], whole);
     }
 }
 
@@ -43,6 +94,9 @@ static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c,
                          const cr_heights *h) {
     float height_m[CR_LANES] = {0.0f};
     for (uint32_t k = 0; k < p->count; k++) {
+        if (begin_surface(s, p->facet[k]) == 0u) {
+            continue;
+        }
         cr_way_spots at;
         set_spots(&at, c, 0u, 1u);
         for (int i = 0; i < CR_LANES; i++) {
@@ -51,9 +105,7 @@ static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c,
         }
         at.lanes &= lanes;
         at.planes[0] = (cr_way_known){p->facet[k], 0, v3_scale(p->normal_tool[k], -1.0f), height_m};
-        if (at.lanes != 0u) {
-            cr_way_count(s, &at, p->facet[k], 0u, whole);
-        }
+        count_surface(s, &at, p->facet[k], whole);
     }
 }
 
@@ -69,12 +121,13 @@ static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, 
     }
 }
 
-/* Lanes over a curved surface, each by its own plane, for the sides that their normals have a part of. */
-static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, const cr_lookup *look,
-                        const float *height_m, const float *share) {
+/* Lanes over a curved surface, each by its own plane, for those sides that have a zone and their normals a part of. */
+static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
+                        const cr_lookup *look, const float *share) {
     float part[CR_LANES];
-    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), height_m};
-    for (uint32_t side = 0; side < CR_WAY_SIDES; side++) {
+    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), look->phi_m};
+    while (sides != 0u) {
+        const uint32_t side = (uint32_t)take_lane(&sides);
         uint32_t on = 0u;
         for (int i = 0; i < CR_LANES; i++) {
             const float its = share[i] * cr_way_share(v3(look->gx[i], look->gy[i], look->gz[i]), side);
@@ -89,6 +142,7 @@ static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
             cr_way_count(s, &some, surface, side, part);
         }
     }
+    end_surface(s);
 }
 
 /* Lanes over a facet that is not curved. */
@@ -99,19 +153,23 @@ static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, 
         part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
     }
     at->planes[0] = (cr_way_known){index, 0, n, height_m};
-    cr_way_count(s, at, index, 0u, part);
+    count_surface(s, at, index, part);
 }
 
 /* Lanes that were looked up, on one surface, by their share. */
 static void over_surface(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface,
                          const cr_lookup *look, const cr_lanes3 *normal, const float *share) {
     cr_way_spots at;
+    const uint32_t sides = begin_surface(s, surface);
+    if (sides == 0u) {
+        return;
+    }
     set_spots(&at, c, lanes, 1u);
     at.normal = normal;
     if (surface < CR_WAY_CURVED) {
         over_flat(s, &at, surface, share);
     } else {
-        over_curved(s, &at, surface, look, look->phi_m, share);
+        over_curved(s, &at, surface, sides, look, share);
     }
 }
 
@@ -142,7 +200,9 @@ static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c,
     cr_way_spots at;
     set_spots(&at, c, lanes, 0u);
     at.planes[0] = (cr_way_known){CR_FACET_NONE, 0, none, look->phi_m};
-    cr_way_count(s, &at, CR_WAY_NONE, 0u, whole);
+    if (begin_surface(s, CR_WAY_NONE) != 0u) {
+        count_surface(s, &at, CR_WAY_NONE, whole);
+    }
 }
 
 /* Lanes in cells whose distances are not from planes. */
@@ -163,6 +223,7 @@ static void over_cells(const cr_way_survey *s, const struct cr_img_cluster *c, u
         if (its.count == 0u) {
             share_lane(on, CR_WAY_DEEP, i, 1.0f);
         }
+        s->work->spent += PARTS_OF_FACET * its.count;
         for (uint32_t k = 0; k < its.count; k++) {
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
             share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
@@ -179,7 +240,9 @@ static void over_cells(const cr_way_survey *s, const struct cr_img_cluster *c, u
 static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
                       const cr_lanes3 *world, cr_planes *cell) {
     cr_lanes3 *normal = &s->scratch->normal;
+    cr_way_work *w = s->work;
     const uint32_t surface = cr_way_common(s->in->field, look, lanes);
+    w->spent += CR_PARTS_OF_MEETING * count_lanes(look->on_planes);
     cr_way_normals(s->in->world_from_tool, look, lanes, normal);
     if (surface != CR_WAY_NONE) {
         over_surface(s, c, lanes, surface, look, normal, whole);
@@ -192,10 +255,18 @@ static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, ui
         uint32_t first = same;
         const int i = take_lane(&first);
         lanes &= ~same;
+        if (is_passed(s, CR_KIND_FACETS_MAX)) {
+            continue;
+        }
+        const uint32_t after = w->surfaces + CR_KIND_FACETS_MAX;
         if (cell->kind != look->kind[i]) {
             cr_planes_turn(s->in->field->scene, s->in->world_from_tool, look->kind[i], cell);
         }
+        w->spent += PARTS_OF_PLANE * cell->count;
         over_planes(s, c, same, cell);
+        w->surfaces_done = w->surfaces_done == w->surfaces ? after : w->surfaces_done;
+        w->surfaces = after;
+        w->moved = 1u;
     }
 }
 
@@ -205,30 +276,30 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & first_lanes(c->count);
     cr_lanes3 *world = &s->scratch->world;
     cr_lookup *look = &s->scratch->look;
-    s->work->spent += hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP;
-    s->work->begun = s->work->done;
-    s->work->seen = s->work->done_there;
-    s->work->surfaces = 0u;
+    s->work->spent += CR_WORK_PARTS * (hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP);
+    s->work->surfaces = s->work->moved = 0u;
     if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
         over_planes(s, c, lanes, planes);
     } else {
         looked_up(s, c, lanes, look, world, cell);
     }
-    return s->work->seen == s->work->done;
+    return s->work->surfaces_done == s->work->surfaces;
 }
 
 /* Half-spaces that the samples of a hit may count for. */
 static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
     const cr_way_relations *r = s->relations;
-    uint32_t halves = 0u;
+    uint32_t halves = 0u, pairs = PARTS_OF_ASKED;
     for (uint32_t left = reach->zones; left != 0u;) {
         const uint32_t z = (uint32_t)take_lane(&left);
         CR_ASSERT(z < s->zones->count && r->half_of[z] < r->half_count);
         halves |= 1u << r->half_of[z];
+        pairs += r->lead[z] < 1.0f ? 2u + s->zones->count : 2u;
         for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
             halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
         }
     }
+    s->work->spent += pairs;
     return halves;
 }
 
@@ -236,6 +307,7 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
 static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     for (uint32_t left = halves_of(s, reach); left != 0u;) {
         const cr_way_half *half = &s->half[take_lane(&left)];
+        s->work->spent++;
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
         if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
             return 1;
@@ -250,20 +322,21 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
     uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
     CR_ASSERT(hit < s->in->set->hit_count);
     /* what has been begun is ended: the answer is the same however it is cut */
-    if ((*measured & bit) == 0u && (s->work->done > 0u || may_be_deeper(s, &s->zones->reach[hit])) &&
+    if ((*measured & bit) == 0u &&
+        (s->work->surfaces_done + s->work->done > 0u || may_be_deeper(s, &s->zones->reach[hit])) &&
         !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
         return 0;
     }
     *measured |= bit;
-    s->work->done = s->work->surfaces_done = s->work->done_there = 0u;
+    s->work->done = s->work->surfaces_done = 0u;
     return 1;
 }
 
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     cr_way_relate(in->field->scene, &in->set->way, &work->relations);
     work->next = work->resolving = 0u;
-    work->done = work->surfaces_done = work->done_there = 0u;
-    work->spent = in->set->way.count;
+    work->done = work->surfaces_done = 0u;
+    work->spent = CR_WORK_PARTS * in->set->way.count;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;
     }
@@ -276,7 +349,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
     CR_ASSERT(work->next <= steps);
     cr_planes planes, cell;
     planes.kind = cell.kind = 0u;
-    while (work->next < steps && work->spent < lookups_max) {
+    while (work->next < steps && work->spent / CR_WORK_PARTS < lookups_max) {
         const uint32_t step = work->next;
         if (step >= zones->count) {
             work->next += (uint32_t)measure_step(&s, step - zones->count, &planes, &cell);
@@ -284,12 +357,12 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
         }
         work->next++;
         cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
-        work->spent += 1u + zones->count * zones->count / ZONES_OF_WORK;
+        work->spent += CR_WORK_PARTS * (1u + zones->count * zones->count / ZONES_OF_WORK);
         if (step + 1u == zones->count) {
             cr_way_agree(&work->relations, work->half);
-            work->spent += work->relations.half_count * work->relations.half_count / PAIRS_OF_WORK;
+            work->spent += CR_WORK_PARTS / PAIRS_OF_WORK * work->relations.half_count * work->relations.half_count;
         }
     }
-    CR_ASSERT(work->next == steps || work->spent >= lookups_max);
+    CR_ASSERT(work->next == steps || work->spent / CR_WORK_PARTS >= lookups_max);
     return work->next == steps;
 }

@@ -24,7 +24,7 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
     if (whole) {
         hand->count = cr_way_answer(&in, &w->way, areas, CR_AREAS_MAX, stats);
     }
-    stats->work = w->way.spent;
+    stats->work = w->way.spent / CR_WORK_PARTS;
     w->way.spent = 0u;
     return whole;
 }
@@ -91,6 +91,6 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
     } else {
         w->found = (uint32_t)cr_detect(&w->field, &at, &options, &w->motion, &w->search, &w->set, stats);
     }
-    stats->work = w->search.spent;
+    stats->work = w->search.spent / CR_WORK_PARTS;
     return w->found && answer(w, &at, slice, hand, areas, stats);
 }

@@ -10,6 +10,11 @@
 #include "contact/math3.h"
 #include "crease.h"
 
+/* Work is counted in lookups of 16 points, where no planes meet, and summed in parts of one. */
+#define CR_WORK_PARTS 256u
+/* Parts of a unit: a lane that is looked up where planes meet. */
+#define CR_PARTS_OF_MEETING 16u
+
 /* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
 typedef struct {
     float phi_m[CR_LANES];
@@ -191,6 +196,7 @@ typedef struct {
 
 typedef struct {
     uint32_t count, dropped;
+    uint32_t parts;   /* of work, that were made of the cluster */
     uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
     cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
     float full_m[CR_LANES]; /* and depths, whatever they count for */
@@ -302,7 +308,7 @@ typedef struct {
 typedef struct {
     uint32_t open;  /* 1: begun and not at its end */
     uint32_t calls; /* that it has taken so far */
-    uint32_t spent; /* work of this call */
+    uint32_t spent; /* work of this call, in parts */
     uint32_t depth; /* levels in use */
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
@@ -319,7 +325,7 @@ void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
  *          again with the same pose and the same motion until it is 1, at most options->slices_max times.
  * Errors   none: capacities are counted in stats.
- * Cost     search->spent, at most one more than options->lookups_max.   Source  DESIGN.md "Detect" [2][3]. */
+ * Cost     search->spent, at most a step more than options->lookups_max.   Source  DESIGN.md "Detect" [2][3]. */
 int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
               cr_descent *search, cr_contact_set *set, cr_stats *stats);
 

@@ -180,15 +180,13 @@ typedef struct {
 
 /* What passes between the stages of an answer, and from tick to tick while it is not whole. */
 typedef struct {
-    uint32_t next;  /* the step that comes next: zones join, then hits are measured */
-    uint32_t spent; /* work of this tick */
-    uint32_t done, begun,
-        seen; /* half-spaces that the hit in hand has counted for: in all, before this tick, met up to now */
-    uint32_t surfaces, surfaces_done,
-        done_there;                     /* surfaces met in this tick; those that are done, and half-spaces with them */
+    uint32_t next;                      /* the step that comes next: zones join, then hits are measured */
+    uint32_t spent;                     /* work of this tick, in parts */
+    uint32_t surfaces, surfaces_done;   /* that the hit in hand is over: met in this tick, and done; */
+    uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
+    uint32_t moved;                     /* 1: something of the hit was done in this tick */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
     uint32_t resolving;                 /* 1: all are; */
-    uint32_t pairs;                     /* looked at and not counted as work yet */
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
@@ -235,6 +233,11 @@ typedef struct {
     const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
     float deep_m[CR_LANES];  /* how deep each piece reaches below the first at most; endless where none is known */
 } cr_way_spots;
+
+/* When the work of a tick is done the rest of a hit waits, but something of it is done in each. */
+static inline int cr_way_waits(const cr_way_survey *s) {
+    return s->work->spent / CR_WORK_PARTS >= s->lookups_max && s->work->moved != 0u;
+}
 
 /* Purpose  lanes over a surface, or a side of it, count for the half-spaces of their zones, each by its part.
  * Shapes   part[CR_LANES].   Output  depth_m of the half-spaces; at->deep_m; what it costs in work->spent. */

@@ -67,6 +67,16 @@ GIVEN = {
     "DISPLAY_SWEEPS": "for the eye: no force depends on it",
     "BOX_MAX": "work, no answer",
     "RIVALS_MAX": "work",
+    "CR_WORK_PARTS": "how finely work is counted",
+    "CR_PARTS_OF_MEETING": "work, by instructions: `make wcet`",
+    "PARTS_OF_CUT": "the same",
+    "PARTS_OF_SHARE": "the same",
+    "PARTS_OF_PLANE": "the same",
+    "PARTS_OF_ASKED": "the same",
+    "PARTS_OF_SURFACE": "the same",
+    "PARTS_OF_FACET": "the same",
+    "PARTS_OF_SIDE": "the same",
+    "PARTS_OF_ZONE": "the same",
     "CR_WAY_BOUNDS_MAX": "a capacity",
 }
 """Constants, or all of a file, that are not empirical, and why."""

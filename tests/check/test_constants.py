@@ -21,8 +21,7 @@ GUARDS = by_constant(read_guards())
 CONSTANTS = find_constants()
 UNGUARDED_ENDS = {
     ("WORK_OF_PLANES", "low"),
-    ("WORK_INSIDE_PLANES", "low"),
-    ("WORK_OF_MEETING", "low"),
+    ("WORK_INSIDE_CELLS", "low"),
     ("SWEEPS", "high"),
 }
 """Ends without a test: 1 is the least that is counted, and sweeps beyond those that converge are not made."""

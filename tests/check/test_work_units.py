@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from work_units import WEIGHTS, Weight, compile_core, cost_of, count_units, is_as_before
 
-Parts = dict[str, tuple[int, int]]
+Parts = dict[str, tuple[int, float]]
 
 
 @pytest.fixture(scope="module")

@@ -28,9 +28,9 @@ static cr_stats stats;
 
 /* Instructions since the last one are this part's. */
 static void begin_part(void) { CALLGRIND_ZERO_STATS; }
-static void end_part(const char *name, uint32_t units) {
+static void end_part(const char *name, uint32_t spent) {
     CALLGRIND_DUMP_STATS_AT(name);
-    printf("%s %u\n", name, units);
+    printf("%s %.3f\n", name, (double)spent / CR_WORK_PARTS);
 }
 
 /* A block under the plate. */
@@ -86,7 +86,7 @@ static void look_up(const crt_rig *rig) {
     }
     begin_part();
     cr_field_look_up(&rig->field, &world, &found);
-    end_part("lookup", 1u);
+    end_part("lookup", CR_WORK_PARTS);
 }
 
 static void measure_hits(const crt_rig *rig, const char *all, const char *none) {

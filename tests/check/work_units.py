@@ -37,9 +37,9 @@ class Weight:
 WEIGHTS = {
     ("WORK_OF_PLANES", "detect.c"): Weight("planes_near", "", 0.66),
     ("WORK_OF_CELLS", "detect.c"): Weight("cells_near", "", 0.85),
-    ("WORK_INSIDE_PLANES", "detect.c"): Weight("planes_in", "planes_near", 0.83),
+    ("PARTS_OF_LAYER", "gather.c"): Weight("planes_in", "planes_near", 0.83),
     ("WORK_INSIDE_CELLS", "detect.c"): Weight("cells_in", "cells_near", 0.43),
-    ("WORK_OF_MEETING", "detect.c"): Weight("meeting_in", "cells_in", 0.17),
+    ("MEETING_OF_WORK", "detect.c"): Weight("meeting_in", "cells_in", 0.235),
     ("WORK_OF_HIT", "measure.c"): Weight("hits_on_planes", "no_hits_on_planes", 0.24),
     ("WORK_OF_LOOKUP", "measure.c"): Weight("hits_in_cells", "no_hits_in_cells", 0.48),
     ("ZONES_OF_WORK", "measure.c"): Weight("join", "", 1.15),
@@ -47,7 +47,7 @@ WEIGHTS = {
     ("PAIRS_OF_WORK", "answer.c"): Weight("answer_resolved", "answer_of_none", 0.71),
     ("HALVES_OF_WORK", "answer.c"): Weight("report_of_many", "report_of_none", 0.50, "report_of_none"),
     ("LANES_OF_WORK", "depth_along.c"): Weight("count_lanes", "count_known", 0.23),
-    ("FULL_OF_WORK", "depth_along.c"): Weight("count_full", "count_lanes", 0.43),
+    ("EXITS_OF_WORK", "depth_along.c"): Weight("count_full", "count_lanes", 0.43),
     ("HALVES_OF_WORK", "depth_along.c"): Weight("count_halves", "count_known", 0.39),
 }  # fmt: skip
 """Of each (name, file). The costs are those of gcc 12: a weight that is half or twice what it is fails."""
@@ -65,7 +65,7 @@ def compile_core(folder: Path) -> dict[str, Path]:
     return made
 
 
-def count_units(objects: Mapping[str, Path], folder: Path) -> dict[str, tuple[int, int]]:
+def count_units(objects: Mapping[str, Path], folder: Path) -> dict[str, tuple[int, float]]:
     """Instructions and units of each part."""
     program, counts = folder / "work_units", folder / "counts"
     archives = [ROOT / f"build/gcc/lib{name}.a" for name in ("helpers", "crease")]
@@ -79,7 +79,7 @@ def count_units(objects: Mapping[str, Path], folder: Path) -> dict[str, tuple[in
         f"--callgrind-out-file={counts}",
     ]
     said = subprocess.run([*words, str(program)], check=True, capture_output=True, text=True).stdout
-    units = {name: int(count) for name, count in (line.split() for line in said.splitlines())}
+    units = {name: float(count) for name, count in (line.split() for line in said.splitlines())}
     found = {}
     for path in folder.glob("counts.*"):
         text = path.read_text("ascii")
@@ -90,7 +90,7 @@ def count_units(objects: Mapping[str, Path], folder: Path) -> dict[str, tuple[in
     return found
 
 
-def cost_of(weight: Weight, parts: Mapping[str, tuple[int, int]]) -> float:
+def cost_of(weight: Weight, parts: Mapping[str, tuple[int, float]]) -> float:
     """What a unit costs, in lookups of 16 points; no units: endless."""
     more, less = parts[weight.more], parts[weight.less] if weight.less else (0, 0)
     units = parts[weight.units][1] if weight.units else more[1] - less[1]

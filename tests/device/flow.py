@@ -143,6 +143,7 @@ def build(name: str, code: Sequence[Instruction]) -> Function:
             starts.add(code[at + 1].address)
     blocks: dict[int, Block] = {}
     block = Block(code[0].address)
+    runs_out = False
     for at, i in enumerate(code):
         if i.address in starts:
             block = blocks[i.address] = Block(i.address)
@@ -163,9 +164,10 @@ def build(name: str, code: Sequence[Instruction]) -> Function:
         falls = kind in ("", "call") or conditional
         if falls and after in starts:
             block.next.append(int(after or 0))
-        elif falls and after is None and i.name not in ("nop", "udf", "nop.w"):
-            raise FlowError(f"{name}: runs out of its end")
+        runs_out = falls and after is None and i.name not in ("nop", "udf", "nop.w")
     seen = _reached(code[0].address, blocks)
+    if runs_out and block.start in seen:  # else it is what fills the space to the next function
+        raise FlowError(f"{name}: runs out of its end")
     blocks = {start: b for start, b in blocks.items() if start in seen}
     return Function(name, code[0].address, blocks, _loops(code[0].address, blocks))
 

@@ -161,8 +161,8 @@ class Bound:
         return by | {f"last step, {self.step}": float(self.step_path.instructions)}
 
 
-CARRIED = 2
-"""Units of pairs that were looked at in a slice and are not counted: at its end, and where a push begins anew."""
+CARRIED = 1
+"""Parts of a unit that `stats.work` leaves out, and the middle of the tool, which is looked up and not counted."""
 
 
 def steps_of(code: Code, table: Table, constants: Constants) -> dict[str, Longest]:

@@ -462,7 +462,7 @@ static void resolve_pushes_no_contact_beyond_its_depth(void **state) {
 static void pushes_found_in_pieces_are_the_same_to_the_bit(void **state) {
     (void)state;
     static cr_way_work whole, pieces;
-    const uint32_t count = CR_WAY_ZONES_MAX, sweep = (count * count + 255u) / 256u;
+    const uint32_t count = CR_WAY_ZONES_MAX, sweep = count * count;
     whole.relations.half_count = count;
     for (uint32_t h = 0; h < count; h++) {
         const float turn = 0.7f * (float)h, rise = 0.2f + 0.03f * (float)h;
@@ -478,7 +478,8 @@ static void pushes_found_in_pieces_are_the_same_to_the_bit(void **state) {
     for (int done = 0; !done; calls++) {
         pieces.spent = 0u;
         done = cr_way_push(&pieces, 1u);
-        assert_true(pieces.spent > 0u && pieces.spent <= (calls == 0u ? 2u * sweep + count : sweep));
+        assert_true(pieces.spent > 0u &&
+                    pieces.spent <= (calls == 0u ? 2u * sweep + CR_WORK_PARTS / 2u * count : sweep));
         spent += pieces.spent;
     }
     assert_true(calls == 1u + whole.along.sweeps && spent == whole.spent);
