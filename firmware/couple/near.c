@@ -33,11 +33,9 @@ static float sharpen(const cr_couple_view *v, const cr_lookup *at, int i, cr_vec
     }
     const struct cr_img_facet *f = &s->facets[kind->facet[0]];
     const float height = v3_dot(v3_from(f->normal), place) - f->offset_m;
-    if (!(abs_f(height - phi_m) <= s->meta->error_max_m + 8.0f * s->meta->quantum_m)) {
-        return phi_m;
-    }
-    *normal = v3_from(f->normal);
-    return height;
+    const int same = abs_f(height - phi_m) <= s->meta->error_max_m + 8.0f * s->meta->quantum_m;
+    *normal = same ? v3_from(f->normal) : *normal;
+    return same ? height : phi_m;
 }
 
 /* Samples of a cluster. Where a piece's end, or a place between, is nearer than its middle, that stands for the sample. */

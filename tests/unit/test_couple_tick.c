@@ -180,6 +180,24 @@ static void hand_that_begins_inside_is_led_out(void **state) {
     assert_true(deepest_corner(1.0) < INSIDE_MAX && fabsf(out.force_world_N.z - 6.0f) < 0.05f);
 }
 
+/* Contacts that contradict each other, more than there may be: an answer, and out once the hand is. */
+static void hand_that_begins_across_a_plate_gets_an_answer(void **state) {
+    (void)state;
+    uint64_t seed = 5u;
+    for (int k = 0; k < 20; k++) {
+        const cr_quat rot = crt_random_rotation(&seed);
+        begin(0.0f);
+        for (int i = 0; i < 30; i++) {
+            tick(&plate, turned(0.0, 0.0, -0.5e-3, rot));
+            assert_true(isfinite(out.force_world_N.z) && fabsf(out.held.pos_m.z) < 0.1f);
+        }
+        for (int i = 0; i < 60; i++) {
+            tick(&plate, turned(0.0, 0.0, -0.5e-3 + 5e-4 * i, rot));
+        }
+        assert_true(isfinite(out.force_world_N.z) && isfinite(out.held.pos_m.z));
+    }
+}
+
 /* A hand that jumps is followed, over several ticks, and stopped by what lies between. */
 static void hand_that_jumps_through_a_plate_is_held_before_it(void **state) {
     (void)state;
@@ -238,6 +256,7 @@ int main(void) {
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(friction_holds_on_a_wall_without_creep),
         cmocka_unit_test(hand_that_begins_inside_is_led_out),
+        cmocka_unit_test(hand_that_begins_across_a_plate_gets_an_answer),
         cmocka_unit_test(hand_that_jumps_through_a_plate_is_held_before_it),
         cmocka_unit_test(more_samples_than_there_is_room_for_still_hold),
         cmocka_unit_test(bad_input_latches),
