@@ -1,6 +1,7 @@
 /* couple: the hand held by a spring to a tool that stays outside. Poses and contacts in, a wrench in six degrees of freedom out.
  *
- * Flow     cr_couple_init; then each period cr_couple_step with the hand's pose and the contacts of that moment.
+ * Flow     cr_coupled_init; then each period cr_couple_tick with the hand's pose: it looks for contacts round the held tool itself. Or, for contacts of
+ *          another origin, cr_couple_init; then each period cr_couple_step with the hand's pose and the contacts of that moment.
  *          The held tool takes the pose that is nearest to the hand's, in the energy of the coupling, of those that keep every point of every
  *          contact on its side; what the spring between the two then pulls with is the wrench (couple/DESIGN.md).
  * Memory   the caller's: one cr_couple. No heap.
@@ -106,6 +107,60 @@ void cr_couple_reset(cr_couple *couple);
  * Cost     iterations times the points that may press: couple/DESIGN.md "Cost". */
 void cr_couple_step(cr_couple *couple, const cr_pose *world_from_tool, float period_s,
                     const cr_couple_contact *contacts, uint32_t count, cr_couple_output *out);
+
+/* Samples of the tool that may be near the obstacle at one time. 32 bytes each. */
+#ifndef CR_COUPLE_NEAR_MAX
+#define CR_COUPLE_NEAR_MAX 2048u
+#endif
+#if CR_COUPLE_NEAR_MAX < 64u
+#error "CR_COUPLE_NEAR_MAX: a face on a face needs some tens of samples"
+#endif
+
+/* Steps of the held tool in one tick, at most. */
+#define CR_COUPLE_STEPS_MAX 8u
+
+/* A sample of the tool near the obstacle: it must stay on the side of the plane that it is on. World frame, from the middle of the held tool. */
+typedef struct {
+    cr_vec3 normal, arm_m;
+    float gap_m;
+    uint32_t key; /* of the sample */
+} cr_couple_near;
+
+/* Work done and trouble met in one tick. Plain counts, but for what is named otherwise. */
+typedef struct {
+    uint32_t steps;    /* of the held tool */
+    uint32_t descents; /* looks for the least energy */
+    uint32_t lookups;  /* of 16 points */
+    uint32_t near;     /* samples, in the last step */
+    uint32_t contacts; /* of these, those that were asked, in the last step */
+    uint32_t dropped;  /* samples left out, as more were near than CR_COUPLE_NEAR_MAX: the tool is held by the others */
+    uint32_t refused;  /* steps that were cut short, as there were more contacts than CR_COUPLE_CONTACTS_MAX */
+    float left_m;      /* what a point of the tool was to move and did not: the next tick goes on */
+} cr_couple_stats;
+
+/* A coupling that looks for its contacts: the caller's memory, the library's to write. */
+typedef struct {
+    cr_couple couple;
+    cr_couple_stats stats; /* of the last tick */
+    uint32_t contact_count, near_count;
+    cr_couple_contact contacts[CR_COUPLE_CONTACTS_MAX];
+    cr_couple_near near[CR_COUPLE_NEAR_MAX];
+} cr_coupled;
+
+/* Purpose  begin: no tool is held yet.   Output  *coupled.   Errors  as cr_couple_init. */
+cr_err cr_coupled_init(cr_coupled *coupled, const cr_couple_config *config);
+
+/* Purpose  let go and clear faults: the next tick begins at the hand's pose. */
+void cr_coupled_reset(cr_coupled *coupled);
+
+/* Purpose  one tick: the held tool follows the hand as far as the scene lets it, in steps that pass through nothing, and pulls.
+ * Shapes   world: its scene is looked up, nothing of it is written.
+ * Output   as cr_couple_step, and coupled->stats. The first tick begins at the hand's pose: what is inside there is led out the way its distance grows, over as
+ *          many ticks as that takes.
+ * Late     a hand that is faster than CR_COUPLE_STEPS_MAX steps of half a voxel a tick is followed over several.
+ * Errors   none: see faults; a null world is CR_COUPLE_FAULT_CONTACT.   Cost  couple/DESIGN.md "Cost". */
+void cr_couple_tick(cr_coupled *coupled, const cr_world *world, const cr_pose *world_from_tool, float period_s,
+                    cr_couple_output *out);
 
 #ifdef __cplusplus
 }

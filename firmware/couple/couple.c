@@ -153,7 +153,7 @@ static void go_free(cr_couple *couple, const cr_couple_tie *k) {
 }
 
 /* What is no number presses: a fault of the answer. */
-static uint32_t count_pressing(const cr_couple *couple) {
+uint32_t cr_couple_pressing(const cr_couple *couple) {
     uint32_t pressing = 0u;
     for (uint32_t i = 0; i < couple->point_count; i++) {
         pressing += couple->points[i].gap_m >= 0.0f ? 0u : 1u;
@@ -161,17 +161,22 @@ static uint32_t count_pressing(const cr_couple *couple) {
     return pressing;
 }
 
-static void follow_hand(cr_couple *couple, const cr_couple_tie *k, const cr_couple_contact *contacts, uint32_t count,
-                        cr_couple_output *out) {
+void cr_couple_try(cr_couple *couple, const cr_couple_tie *k, const cr_couple_contact *contacts, uint32_t count,
+                   cr_couple_output *out) {
     float off_m = 1.0f;
     cr_couple_lay_out(couple, contacts, count);
+    out->iterations = 0u;
     if (couple->point_count == 0u) {
         go_free(couple, k);
     }
     for (uint32_t i = 0; i < ROUNDS_MAX && couple->point_count > 0u && off_m > ROUND_ENOUGH_M; i++) {
         off_m = cr_couple_round(couple, k, contacts, count, out);
     }
-    out->pressing = count_pressing(couple);
+    out->pressing = cr_couple_pressing(couple);
+}
+
+void cr_couple_settle(cr_couple *couple, const cr_couple_tie *k, const cr_couple_contact *contacts, uint32_t count,
+                      cr_couple_output *out) {
     (void)cr_couple_look(couple, contacts, count, k->reach_m);
     out->inside_m = cr_couple_keep(couple, contacts, count);
 }
@@ -192,31 +197,51 @@ static int is_output_finite(const cr_couple_output *out) {
            is_finite_f(q.w + q.x + q.y + q.z);
 }
 
-void cr_couple_step(cr_couple *couple, const cr_pose *world_from_tool, float period_s,
-                    const cr_couple_contact *contacts, uint32_t count, cr_couple_output *out) {
+static void show_held(const cr_couple *couple, cr_couple_output *out) {
+    out->held = pose_of_tool(&couple->held, couple->config.centre_tool_m);
+    out->faults = couple->faults;
+}
+
+int cr_couple_accept(cr_couple *couple, const cr_pose *world_from_tool, float period_s, uint32_t faults,
+                     cr_couple_tie *k, cr_couple_output *out) {
     static const cr_couple_output nothing = {
         {0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, {{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}}, 0.0f, 0.0f, 0u, 0u, 0u};
-    const cr_vec3 centre = couple->config.centre_tool_m;
     cr_pose hand = couple->hand;
     *out = nothing;
-    couple->faults |= accept_pose(world_from_tool, &hand) | check_contacts(contacts, count);
+    couple->faults |= accept_pose(world_from_tool, &hand) | faults;
     couple->faults |= period_s > 0.0f && period_s <= 1.0f ? 0u : (uint32_t)CR_FAULT_PERIOD;
     if (couple->faults == 0u) {
-        const cr_pose last = couple->held;
-        cr_couple_tie k;
-        hand = pose_of_centre(&hand, centre);
-        tie(couple, &hand, period_s, &k);
-        follow_hand(couple, &k, contacts, count, out);
-        if (out->pressing > 0u) { /* else nothing is felt */
-            feel_pull(couple, &k, out);
-        }
-        out->held = pose_of_tool(&couple->held, centre);
-        if (!is_output_finite(out)) {
-            *out = nothing;
-            couple->held = last;
-            couple->faults |= (uint32_t)CR_FAULT_NUMBER;
-        }
+        hand = pose_of_centre(&hand, couple->config.centre_tool_m);
+        tie(couple, &hand, period_s, k);
+        return 1;
     }
-    out->held = pose_of_tool(&couple->held, centre);
-    out->faults = couple->faults;
+    show_held(couple, out);
+    return 0;
+}
+
+void cr_couple_answer(cr_couple *couple, const cr_couple_tie *k, const cr_pose *last, cr_couple_output *out) {
+    static const cr_vec3 zero = {0.0f, 0.0f, 0.0f};
+    if (out->pressing > 0u) { /* else nothing is felt */
+        feel_pull(couple, k, out);
+    }
+    show_held(couple, out);
+    if (!is_output_finite(out)) {
+        out->force_world_N = out->torque_world_Nm = zero;
+        out->inside_m = out->unsettled_m = 0.0f;
+        out->pressing = out->iterations = 0u;
+        couple->held = *last;
+        couple->faults |= (uint32_t)CR_FAULT_NUMBER;
+        show_held(couple, out);
+    }
+}
+
+void cr_couple_step(cr_couple *couple, const cr_pose *world_from_tool, float period_s,
+                    const cr_couple_contact *contacts, uint32_t count, cr_couple_output *out) {
+    cr_couple_tie k;
+    const cr_pose last = couple->held;
+    if (cr_couple_accept(couple, world_from_tool, period_s, check_contacts(contacts, count), &k, out)) {
+        cr_couple_try(couple, &k, contacts, count, out);
+        cr_couple_settle(couple, &k, contacts, count, out);
+        cr_couple_answer(couple, &k, &last, out);
+    }
 }

@@ -72,6 +72,25 @@ void cr_couple_pull(const cr_couple *couple, const cr_couple_tie *k, cr_vec3 *fo
 float cr_couple_round(cr_couple *couple, const cr_couple_tie *k, const cr_couple_contact *contacts, uint32_t count,
                       cr_couple_output *out);
 
+/* Purpose  begin a period: check what came, with the faults that the caller found, and say how hand and held tool are tied.
+ * Output   1; or 0 with a fault latched and *out without force. */
+int cr_couple_accept(cr_couple *couple, const cr_pose *world_from_tool, float period_s, uint32_t faults,
+                     cr_couple_tie *k, cr_couple_output *out);
+
+/* Purpose  move the held tool, among these contacts, to where the energy is least.   Output  out->iterations, unsettled_m, pressing.   Cost  that of its rounds. */
+void cr_couple_try(cr_couple *couple, const cr_couple_tie *k, const cr_couple_contact *contacts, uint32_t count,
+                   cr_couple_output *out);
+
+/* Purpose  points that press, as they were looked at last. */
+uint32_t cr_couple_pressing(const cr_couple *couple);
+
+/* Purpose  the held tool stays where it is: gaps, and anchors for the next period.   Output  out->inside_m. */
+void cr_couple_settle(cr_couple *couple, const cr_couple_tie *k, const cr_couple_contact *contacts, uint32_t count,
+                      cr_couple_output *out);
+
+/* Purpose  end a period: the wrench where something presses, and the held pose; a fault, and back to `last`, where a number is none. */
+void cr_couple_answer(cr_couple *couple, const cr_couple_tie *k, const cr_pose *last, cr_couple_output *out);
+
 /* Motion of a point under a motion of the tool. */
 static inline cr_vec3 point_motion(const cr_couple_point *p, const cr_motion6 *m) {
     return v3_add(m->along, v3_cross(m->turn, p->arm));

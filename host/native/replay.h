@@ -2,6 +2,7 @@
 #ifndef CR_REPLAY_H
 #define CR_REPLAY_H
 
+#include "couple.h"
 #include "crease.h"
 
 /* One pose of a path: time, then world_from_tool (unit quaternion, scalar first). */
@@ -31,6 +32,13 @@ typedef struct {
  * Shapes   path[count], rows[count].   Units  period_first_s: period of the first tick; the others from t_s.
  * Output   rows.   Errors  none: trouble of a tick is in rows[].faults and overflow.   Cost  two clock reads a tick. */
 void cr_replay_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, cr_replay_row *rows);
+
+/* Purpose  the same with a held tool: cr_couple_tick once for each row.
+ * Output   rows: depth_m is how far the held tool's origin is from the hand's where anything presses; normal, the direction of the force; display, the held tool;
+ *          areas and contacts, points that press; zones, contacts that were asked; nodes, lookups; points, near samples; late_ticks 1 where the held tool
+ *          was not done; overflow, what was left out.   Errors, cost  as cr_replay_run. */
+void cr_replay_coupled(cr_coupled *coupled, const cr_world *world, const cr_path_row *path, size_t count,
+                       double period_first_s, cr_replay_row *rows);
 
 /* Purpose  one tick of each of many worlds, each at its own pose.
  * Shapes   worlds[count], rows[count]; poses[count][7]: m, and a unit quaternion, scalar first.   Units  period_s as of cr_tick.

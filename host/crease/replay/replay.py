@@ -43,6 +43,19 @@ DEFAULT_RESPONSE = "way_out"
 
 
 @dataclass(frozen=True)
+class CoupleOptions:
+    """Settings of a held tool, which a spring in six degrees of freedom ties to the hand: firmware/couple.h.
+
+    The spring's stiffness and damping along are those of ReplayOptions.
+    """
+
+    stiffness_Nm_rad: float = 5.0
+    damping_Nms_rad: float = 0.0
+    friction: float = 0.0
+    centre_tool_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class ReplayOptions:
     """Settings of the world. Names of response and coverage as in `native.RESPONSES`, `native.COVERAGES`.
 
@@ -57,6 +70,8 @@ class ReplayOptions:
     skip: int | None = None
     vertices_only: bool = False
     lookups_max: int | None = None
+    couple: CoupleOptions | None = None
+    """Not None: the tool is held outside, and the spring to it is what is felt."""
 
 
 def make_config(options: ReplayOptions) -> Any:
@@ -86,6 +101,26 @@ def make_config(options: ReplayOptions) -> Any:
     return config
 
 
+def make_coupled(source: str, options: ReplayOptions) -> Any:
+    """A cffi `cr_coupled *` that holds no tool yet.   Errors: SceneError for a setting out of range, or a rival."""
+    if options.response != DEFAULT_RESPONSE:
+        raise SceneError(f"response {options.response}: a held tool has no response but its own")
+    couple = options.couple or CoupleOptions()
+    config = ffi.new("cr_couple_config *", lib.cr_couple_config_default())
+    config.stiffness_N_m = options.stiffness_N_m
+    config.damping_Ns_m = options.damping_Ns_m
+    config.stiffness_Nm_rad = couple.stiffness_Nm_rad
+    config.damping_Nms_rad = couple.damping_Nms_rad
+    config.friction = couple.friction
+    config.centre_tool_m = couple.centre_tool_m
+    wrong = lib.cr_couple_config_error(config)
+    if wrong:
+        raise SceneError(f"{source}: {ffi.string(wrong).decode()}")
+    coupled = ffi.new("cr_coupled *")
+    lib.cr_coupled_init(coupled, config)
+    return coupled
+
+
 class World:
     """A world of the firmware over a scene, in memory of its own. Not for two threads at once."""
 
@@ -105,6 +140,7 @@ class World:
             raise SceneError(f"{scene.source}: a world setting is out of range: {text}")
         self._memory = np.zeros(self.size_bytes + _ALIGN, dtype=np.uint8)
         self._handle: Any = None
+        self._couple = make_coupled(scene.source, options) if options and options.couple else None
         self.reset()
 
     @property
@@ -122,6 +158,8 @@ class World:
         if code != lib.CR_OK:
             raise SceneError(f"{self.scene.source}: {error_text(code)}; check the options")
         self._handle = world[0]
+        if self._couple is not None:
+            lib.cr_coupled_reset(self._couple)
 
     def tick(self, pose: npt.ArrayLike, period_s: float = 1e-3) -> Any:
         """One tick.
@@ -143,11 +181,14 @@ class World:
         out = np.zeros(len(path), dtype=ROW)
         rows = self.native.ffi.from_buffer("cr_replay_row[]", out, require_writable=True)
         poses = self.native.ffi.from_buffer("cr_path_row[]", path.rows)
+        lead: tuple[Any, ...] = (self._handle,)
         replay = self.native.lib.cr_replay_run
+        if self._couple is not None:
+            lead, replay = (self._couple, self._handle), lib.cr_replay_coupled
         for start in range(0, len(path), _CHUNK):
             count = min(_CHUNK, len(path) - start)
             before_s = path.t_s[start] - path.t_s[start - 1] if start else path.first_period_s
-            replay(self._handle, poses + start, count, float(before_s), rows + start)
+            replay(*lead, poses + start, count, float(before_s), rows + start)
             progress((start + count) / len(path))
         return out
 

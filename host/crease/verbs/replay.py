@@ -8,13 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
+from crease.base.errors import CreaseError
 from crease.base.native import COVERAGES, RESPONSES, SKIPS, lib, skip_mask
 from crease.base.progress import Progress
 from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, write_table
 from crease.base.units import format_length
 from crease.replay.recording import is_recording
-from crease.replay.replay import DEFAULT_RESPONSE, REPEAT, ReplayOptions, run_path, to_columns
+from crease.replay.replay import (
+    DEFAULT_RESPONSE,
+    REPEAT,
+    CoupleOptions,
+    ReplayOptions,
+    run_path,
+    to_columns,
+)
 from crease.replay.trajectory import Trajectory, load_trajectory
 from crease.verbs.common import (
     SubParsers,
@@ -112,9 +120,55 @@ def add_parser(sub: SubParsers) -> None:
         default=REPEAT,
         help=f"run the path N times and keep each tick's least time: its cost, not the scheduler's (default: {REPEAT})",
     )
+    parser.add_argument(
+        "--couple",
+        action="store_true",
+        help="hold the tool outside the mock-up, tied to the hand by a spring in six degrees of freedom, which is what "
+        "is felt: --stiffness and --damping are the spring's",
+    )
+    parser.add_argument(
+        "--friction",
+        metavar="MU",
+        type=number(0.0, 1.0),
+        help="of the held tool, with --couple: 0 to 1 (default: 0)",
+    )
+    parser.add_argument(
+        "--stiffness-turn",
+        metavar="Nm/rad",
+        type=number(1e-3, 1e4),
+        help="of the spring against turns, with --couple: 1e-3 to 1e4 (default: 5)",
+    )
     add_json(parser)
     add_force(parser)
     parser.set_defaults(run=run)
+
+
+_UNCOUPLED = (
+    ("--lookups", "lookups"),
+    ("--force-max", "force_max"),
+    ("--skips", "skips"),
+)
+"""Options that say nothing of a held tool."""
+
+
+def _couple_of(args: argparse.Namespace) -> CoupleOptions | None:
+    """Settings of the held tool; None without --couple.   Errors: CreaseError for options that do not go together."""
+    if not args.couple:
+        for option, value in (
+            ("--friction", args.friction),
+            ("--stiffness-turn", args.stiffness_turn),
+        ):
+            if value is not None:
+                raise CreaseError(f"{option} is of a held tool; give --couple too")
+        return None
+    for option, name in _UNCOUPLED:
+        if getattr(args, name) is not None:
+            raise CreaseError(f"--couple has no {option}; leave it out")
+    if args.output.suffix == ".mcap" or is_recording(args.path):
+        raise CreaseError("--couple runs a path, CSV or NPZ, into a table, CSV or NPZ")
+    defaults = CoupleOptions()
+    turn = defaults.stiffness_Nm_rad if args.stiffness_turn is None else args.stiffness_turn
+    return CoupleOptions(stiffness_Nm_rad=turn, friction=args.friction or 0.0)
 
 
 _FAR = 10.0
@@ -139,6 +193,7 @@ def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
     check_suffix(args.output, (".csv", ".npz", ".mcap"))
     check_target(args.output, args.force, (args.scene, args.path))
+    couple = _couple_of(args)
     if is_recording(args.path):
         from crease.verbs import rerun
 
@@ -155,6 +210,7 @@ def run(args: argparse.Namespace) -> None:
         lookups_max=args.lookups,
         force_max_N=args.force_max,
         skip=args.skips,
+        couple=couple,
     )
     with Progress() as progress:
         rows = run_path(
@@ -170,7 +226,7 @@ def run(args: argparse.Namespace) -> None:
     overflow = int(np.count_nonzero(rows["overflow"]))
     limit_N = args.force_max or float(lib.cr_config_default().force_max_N)
     # The firmware scales the force to the limit: what reaches it was cut. Everything else counted is contact left out.
-    cut = (rows["overflow"] > 0) & (force_N > limit_N * (1.0 - 1e-5))
+    cut = (rows["overflow"] > 0) & (force_N > limit_N * (1.0 - 1e-5)) & (couple is None)
     left_out = int(np.count_nonzero(rows["overflow"] > cut))
     warnings = []
     if cut.any():
@@ -178,11 +234,14 @@ def run(args: argparse.Namespace) -> None:
             f"{np.count_nonzero(cut)} of {len(path)} ticks reached the limit of the force, {limit_N:g} N"
         )
     if left_out:
+        what = "clusters, surfaces, areas or zones" if couple is None else "samples or contacts"
         warnings.append(
-            f"{left_out} of {len(path)} ticks left out contact: more clusters, surfaces, areas or zones than have room"
+            f"{left_out} of {len(path)} ticks left out contact: more {what} than have room"
         )
     late = int(np.count_nonzero(rows["late_ticks"]))
-    if late:
+    if late and couple is not None:
+        warnings.append(f"{late} of {len(path)} ticks ended before the held tool had caught up")
+    elif late:
         oldest = int(rows["late_ticks"].max())
         warnings.append(
             f"{late} of {len(path)} ticks answer an earlier pose, up to {oldest} ticks old"
@@ -212,7 +271,11 @@ def run(args: argparse.Namespace) -> None:
             ("table", str(args.output)),
             ("ticks", f"{len(path):,}, {report['ticks_in_contact']:,} in contact"),
             ("force", f"{report['force_max_N']:.4g} N max"),
-            ("depth", f"{1e3 * float(rows['depth_m'].max()):.4g} mm max"),
+            (
+                "depth" if couple is None else "hand",
+                f"{1e3 * float(rows['depth_m'].max()):.4g} mm "
+                + ("max" if couple is None else "from the held tool at most"),
+            ),
             (
                 "tick",
                 f"{float(np.percentile(rows['tick_ns'], 50)) / 1e3:.2f} us median, "

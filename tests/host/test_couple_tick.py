@@ -1,0 +1,158 @@
+"""The held tool that finds its own contacts, judged by booleans of the meshes; `crease replay --couple`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import manifold3d as mf
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from crease import Scene, bake, make_mesh
+from crease.base.native import lib
+from crease.cli import main
+from crease.replay.replay import CoupleOptions, ReplayOptions, run_path
+from crease.replay.trajectory import Trajectory, check_rows
+from scipy.spatial.transform import Rotation
+
+F64 = npt.NDArray[np.float64]
+
+K_T = 2000.0
+INSIDE_MAX_MM = 0.02
+HALF_MM = 10.0
+
+
+def box(x: float, y: float, z: float) -> Any:
+    """About the origin, mm."""
+    return mf.Manifold.cube([x, y, z], True)
+
+
+def vertices_of(solid: Any) -> F64:
+    """(n, 3), mm."""
+    return np.asarray(solid.to_mesh().vert_properties[:, :3], np.float64)
+
+
+def scene_of(static: Any, tool: Any, spacing_m: float, voxel_m: float) -> Scene:
+    """Baked."""
+    meshes = [make_mesh(vertices_of(s), s.to_mesh().tri_verts, 1e-3) for s in (static, tool)]
+    return bake(*meshes, spacing_m=spacing_m, voxel_m=voxel_m)
+
+
+def inside_mm(static: Any, tool: Any, at_m: F64, turn: Rotation) -> float:
+    """How deep the overlap of the two reaches below the surface of either."""
+    both = static ^ tool.transform(np.column_stack([turn.as_matrix(), 1e3 * at_m]))
+    if both.is_empty():
+        return 0.0
+    places, deep = vertices_of(both), 0.0
+    for solid, seen in ((static, places), (tool, turn.inv().apply(places - 1e3 * at_m))):
+        mesh = trimesh.Trimesh(vertices_of(solid), solid.to_mesh().tri_verts, process=False)
+        deep = max(deep, float(trimesh.proximity.closest_point(mesh, seen)[1].max()))
+    return deep
+
+
+def path_of(at_m: F64, turns: Rotation) -> Trajectory:
+    """One pose a millisecond."""
+    x, y, z, w = turns.as_quat().T
+    rows = np.column_stack([1e-3 * np.arange(len(at_m)), at_m, w, x, y, z])
+    return check_rows(rows, "path")
+
+
+def held_of(row: Any) -> tuple[F64, Rotation]:
+    """Pose of the held tool."""
+    w, x, y, z = row["display_rot"]
+    return np.asarray(row["display_pos_m"], np.float64), Rotation.from_quat([x, y, z, w])
+
+
+PLATE, CUBE = box(60, 60, 1), box(2 * HALF_MM, 2 * HALF_MM, 2 * HALF_MM)
+
+
+@pytest.fixture(scope="module")
+def plate() -> Scene:
+    """1 mm thin, and a cube of 20 mm."""
+    return scene_of(PLATE, CUBE, 2e-3, 1e-3)
+
+
+def stroke(turn: Rotation, speed_m_s: float) -> Trajectory:
+    """Down to where the lowest corner is 10 mm below the plate's top."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF_MM
+    low_m = 1e-3 * float(turn.apply(corners)[:, 2].min())
+    z = np.arange(20e-3, -9.5e-3 - low_m, -1e-3 * speed_m_s)
+    at_m = np.column_stack([np.full(len(z), 3e-3), np.zeros(len(z)), z])
+    return path_of(at_m, Rotation.from_quat(np.tile(turn.as_quat(), (len(z), 1))))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_plate_pressed_deeper_than_it_is_thick_holds(plate: Scene, friction: float) -> None:
+    rng = np.random.default_rng(4)
+    options = ReplayOptions(K_T, couple=CoupleOptions(friction=friction))
+    for turn in Rotation.from_rotvec(rng.normal(0.0, 1.0, (20, 3))):
+        path = stroke(turn, float(rng.uniform(0.2, 1.0)))
+        rows = run_path(plate, path, options)
+        assert not rows["faults"].any()
+        assert (rows["display_pos_m"][:, 2] > 9e-3).all()  # never through
+        touches_not = np.array(
+            [
+                inside_mm(PLATE, CUBE, p[:3], turn) == 0.0
+                for p in path.rows[:, 1:][rows["areas"] > 0][:1]
+            ]
+        )
+        assert not touches_not.any()  # nothing is felt before it touches
+        at_m, held = held_of(rows[-1])
+        assert inside_mm(PLATE, CUBE, at_m, held) < INSIDE_MAX_MM
+        assert np.linalg.norm(rows["force_N"][-1]) > 5.0
+
+
+def test_cube_that_turns_on_a_plate_gets_no_energy_from_it(plate: Scene) -> None:
+    a = np.linspace(0.0, 2.0 * np.pi, 2001)
+    at_m = np.column_stack(
+        [3e-3 * np.sin(a), 2e-3 * np.sin(2 * a), 11e-3 - 5e-3 * np.sin(a / 2) ** 2]
+    )
+    turns = Rotation.from_rotvec(
+        np.column_stack([0.05 * np.sin(a), 0.08 * np.sin(3 * a), 0.03 * np.sin(a)])
+    )
+    path = path_of(at_m, turns)
+    moved = np.diff(path.rows[:, 1:4], axis=0)
+    turned = (turns[1:] * turns[:-1].inv()).as_rotvec()
+    for friction in (0.0, 0.3):
+        options = ReplayOptions(K_T, couple=CoupleOptions(friction=friction))
+        rows = run_path(plate, path, options)
+        force, torque = (
+            0.5 * (rows[name][1:] + rows[name][:-1]) for name in ("force_N", "torque_Nm")
+        )
+        given = float(np.sum(force * moved) + np.sum(torque * turned))
+        stored = 0.5 * float((np.linalg.norm(rows["force_N"], axis=1) ** 2).max()) / K_T
+        assert given < 1e-3 * stored
+        assert (friction > 0) == (given < -0.1 * stored)
+
+
+def test_replay_couple_writes_the_held_tool(
+    plate: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, poses, table = (tmp_path / name for name in ("s.crs", "path.csv", "out.csv"))
+    plate.save(scene)
+    rows = stroke(Rotation.identity(), 0.5).rows
+    names = "t_s,x_m,y_m,z_m,qw,qx,qy,qz"
+    np.savetxt(poses, rows, delimiter=",", header=names, comments="")
+    line = ["replay", str(scene), str(poses), "-o", str(table), "--force", "--repeat", "1"]
+    assert main([*line, "--couple", "--friction", "0.3", "--stiffness", "2000"]) == 0
+    answered = np.genfromtxt(table, delimiter=",", names=True)
+    assert answered["dz_m"].min() == pytest.approx(10.5e-3, abs=2e-5)
+    assert answered["fz_N"][-1] == pytest.approx(K_T * (10.5e-3 - rows[-1, 3]), rel=1e-2)
+    assert (answered["fz_N"][rows[:, 3] > 10.51e-3] == 0.0).all()
+    assert "from the held tool" in capsys.readouterr().out
+    for more in (
+        ["--friction", "0.3"],
+        ["--stiffness-turn", "2"],
+        ["--couple", "--lookups", "64"],
+        ["--couple", "--response", "extent"],
+    ):
+        assert main([*line, *more]) == 1
+    assert main([*line[:4], str(tmp_path / "o.mcap"), "--couple"]) == 1
+
+
+def test_default_of_the_spring_is_that_of_c() -> None:
+    config, ours = lib.cr_couple_config_default(), CoupleOptions()
+    assert config.stiffness_Nm_rad == ours.stiffness_Nm_rad
+    assert config.friction == ours.friction

@@ -1,0 +1,265 @@
+/* A coupling that looks for its contacts, in scenes whose distances are analytic: a cube on a wall, over an edge, in a room, against a plate that is thinner
+ * than it is deep. */
+#include "couple.h"
+#include "image_builder.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#define HALF_M 8e-3
+#define VOXEL_M 2e-3
+#define PERIOD_S 1e-3f
+#define INSIDE_MAX 2e-5
+#define STROKES 60
+#define PI 3.14159265358979323846
+
+static crt_rig wall, edge, room, plate;
+static cr_coupled coupled;
+static cr_couple_output out;
+
+static int open_rigs(void **state) {
+    (void)state;
+    const crt_solid w = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0), e = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    const crt_solid r = crt_room(-14e-3, 20e-3, 14e-3, -14e-3, 20e-3), p = crt_box(-40e-3, 40e-3, 40e-3, -1e-3, 0.0);
+    crt_open_cube(&wall, &w, HALF_M, 1e-3, VOXEL_M);
+    crt_open_cube(&edge, &e, HALF_M, 1e-3, VOXEL_M);
+    crt_open_cube(&room, &r, HALF_M, 1e-3, VOXEL_M);
+    crt_open_cube(&plate, &p, HALF_M, 1e-3, 1e-3);
+    return 0;
+}
+
+static int close_rigs(void **state) {
+    (void)state;
+    crt_close(&wall);
+    crt_close(&edge);
+    crt_close(&room);
+    crt_close(&plate);
+    return 0;
+}
+
+static void begin(float friction) {
+    cr_couple_config c = cr_couple_config_default();
+    c.stiffness_N_m = 2000.0f;
+    c.friction = friction;
+    assert_int_equal(cr_coupled_init(&coupled, &c), CR_OK);
+}
+
+static void tick(const crt_rig *rig, cr_pose hand) {
+    memset(&out, 0xa5, sizeof out);
+    cr_couple_tick(&coupled, rig->world, &hand, PERIOD_S, &out);
+    assert_int_equal(out.faults, 0);
+    assert_int_equal(coupled.stats.dropped, 0);
+    assert_true(coupled.stats.steps <= CR_COUPLE_STEPS_MAX && coupled.contact_count <= CR_COUPLE_CONTACTS_MAX);
+}
+
+static cr_pose turned(double x, double y, double z, cr_quat rot) {
+    cr_pose p = crt_pose(x, y, z);
+    p.rot = rot;
+    return p;
+}
+
+/* How deep a corner of the held cube is below a box, of which z = 0 is the top and x = right the side. */
+static double deepest_corner(double right) {
+    const cr_quat q = out.held.rot;
+    double deep = 0.0;
+    for (int k = 0; k < 8; k++) {
+        const double v[3] = {k & 1 ? HALF_M : -HALF_M, k & 2 ? HALF_M : -HALF_M, k & 4 ? HALF_M : -HALF_M};
+        const double c[3] = {(double)q.y * v[2] - (double)q.z * v[1], (double)q.z * v[0] - (double)q.x * v[2],
+                             (double)q.x * v[1] - (double)q.y * v[0]};
+        const double w = (double)q.w;
+        const double x = v[0] + 2.0 * (w * c[0] + (double)q.y * c[2] - (double)q.z * c[1]) + (double)out.held.pos_m.x;
+        const double z = v[2] + 2.0 * (w * c[2] + (double)q.x * c[1] - (double)q.y * c[0]) + (double)out.held.pos_m.z;
+        deep = fmax(deep, fmin(-z, right - x));
+    }
+    return deep;
+}
+
+static void nothing_is_felt_before_it_touches_and_the_spring_alone_after(void **state) {
+    (void)state;
+    begin(0.0f);
+    for (int i = 0; i <= 400; i++) {
+        const double above_m = 1e-3 * (200 - i) / 100.0;
+        tick(&wall, crt_pose(0.0, 0.0, HALF_M + above_m));
+        const double want_N = above_m < 0.0 ? -2000.0 * above_m : 0.0;
+        assert_true(fabs((double)out.force_world_N.z - want_N) < 2e-3);
+        assert_true(above_m <= 1e-6 || (double)out.force_world_N.z == 0.0);
+        assert_true(fabs((double)out.force_world_N.x) < 1e-3 && fabs((double)out.torque_world_Nm.y) < 1e-4);
+        assert_true(deepest_corner(1.0) < INSIDE_MAX);
+    }
+    assert_true(out.pressing >= 3u && out.pressing <= CR_COUPLE_CONTACTS_MAX);
+    tick(&wall, crt_pose(0.0, 0.0, HALF_M + 5e-3)); /* let go: it meets the hand without a kick */
+    assert_true((double)out.force_world_N.z == 0.0 && fabsf(out.held.pos_m.z - (float)(HALF_M + 5e-3)) < 1e-6f);
+}
+
+static void plate_never_lets_through(void **state) {
+    (void)state;
+    uint64_t seed = 11u;
+    for (int stroke = 0; stroke < STROKES; stroke++) {
+        const double speed_m = crt_uniform(&seed, 2e-4, 1e-3), x = crt_uniform(&seed, -8e-3, 8e-3);
+        const cr_quat rot = stroke < 10 ? crt_turn(0.0, 0.0, 1.0, 0.0) : crt_random_rotation(&seed);
+        begin(stroke % 2 ? 0.3f : 0.0f);
+        for (double z = 25e-3; z > -6e-3; z -= speed_m) {
+            tick(&plate, turned(x, 0.0, z, rot));
+            assert_true((double)out.inside_m < INSIDE_MAX);
+            assert_true((double)out.held.pos_m.z > HALF_M - INSIDE_MAX && deepest_corner(1.0) < INSIDE_MAX);
+        }
+        assert_true(out.force_world_N.z > 20.0f);
+    }
+}
+
+static void edge_holds_a_cube_that_turns_over_it(void **state) {
+    (void)state;
+    begin(0.0f);
+    for (int i = 0; i < 1000; i++) {
+        const double a = i * PI / 1000.0;
+        tick(&edge, turned(6e-3 * cos(a) + 2e-3, 0.0, 9e-3 - 6e-3 * sin(a), crt_turn(0.2, 1.0, 0.1, 0.8 * sin(a))));
+        assert_true(deepest_corner(0.0) < INSIDE_MAX);
+    }
+}
+
+/* The edge of the block, not a point of the tool, is what touches: the middle of a face comes down on it aslant. */
+static void edge_between_samples_is_felt_where_it_touches(void **state) {
+    (void)state;
+    const double lean = PI / 4.0;
+    for (int k = 0; k < 20; k++) { /* wherever the samples are */
+        const double along = 1e-3 * (k - 10) / 10.0, from = HALF_M + 1e-3, s = sin(lean), c = cos(lean);
+        begin(0.0f);
+        for (int i = 0; i <= 120; i++) {
+            const double off = from - 1e-5 * i;
+            tick(&edge, turned(off * s + along * c, 0.0, off * c - along * s, crt_turn(0.0, 1.0, 0.0, lean)));
+            const double want_N = off < HALF_M ? 2000.0 * (HALF_M - off) : 0.0;
+            const double got_N = sqrt((double)(out.force_world_N.x * out.force_world_N.x) +
+                                      (double)(out.force_world_N.z * out.force_world_N.z));
+            assert_true(fabs(got_N - want_N) < 2000.0 * INSIDE_MAX);
+        }
+    }
+}
+
+static void room_holds_a_cube_in_its_corner(void **state) {
+    (void)state;
+    begin(0.0f);
+    for (int i = 0; i < 500; i++) {
+        tick(&room, crt_pose(-4e-5 * i, -4e-5 * i, -4e-5 * i));
+    }
+    assert_true(fabsf(out.held.pos_m.x + 6e-3f) < 2e-5f && fabsf(out.held.pos_m.z + 6e-3f) < 2e-5f);
+    assert_true(fabsf(out.force_world_N.x - 2000.0f * (20e-3f - 4e-5f - 6e-3f)) < 0.1f);
+}
+
+static void friction_holds_on_a_wall_without_creep(void **state) {
+    (void)state;
+    begin(0.3f);
+    for (int i = 0; i <= 100; i++) {
+        tick(&wall, crt_pose(0.0, 0.0, HALF_M - 5e-5 * i));
+    }
+    for (int i = 0; i <= 100; i++) {
+        tick(&wall, crt_pose(1e-5 * i, 0.0, HALF_M - 5e-3));
+    }
+    const cr_pose held = out.held;
+    assert_true(fabsf(out.force_world_N.x + 2.0f) < 0.02f); /* of 3 N that it may carry */
+    for (int i = 0; i < 3000; i++) {
+        tick(&wall, crt_pose(1e-3, 0.0, HALF_M - 5e-3));
+    }
+    assert_true(fabsf(out.held.pos_m.x - held.pos_m.x) < 2e-7f && fabsf(held.pos_m.x) < 5e-6f);
+    for (int i = 0; i <= 100; i++) {
+        tick(&wall, crt_pose(1e-3 + 3e-5 * i, 0.0, HALF_M - 5e-3));
+    }
+    assert_true(fabsf(out.force_world_N.x + 3.0f) < 0.03f && out.held.pos_m.x > 2e-3f);
+}
+
+static void hand_that_begins_inside_is_led_out(void **state) {
+    (void)state;
+    begin(0.0f);
+    for (int i = 0; i < 200; i++) {
+        tick(&wall, crt_pose(0.0, 0.0, HALF_M - 3e-3));
+    }
+    assert_true(deepest_corner(1.0) < INSIDE_MAX && fabsf(out.force_world_N.z - 6.0f) < 0.05f);
+}
+
+/* Contacts that contradict each other, more than there may be: an answer, and out once the hand is. */
+static void hand_that_begins_across_a_plate_gets_an_answer(void **state) {
+    (void)state;
+    uint64_t seed = 5u;
+    for (int k = 0; k < 20; k++) {
+        const cr_quat rot = crt_random_rotation(&seed);
+        begin(0.0f);
+        for (int i = 0; i < 30; i++) {
+            tick(&plate, turned(0.0, 0.0, -0.5e-3, rot));
+            assert_true(isfinite(out.force_world_N.z) && fabsf(out.held.pos_m.z) < 0.1f);
+        }
+        for (int i = 0; i < 60; i++) {
+            tick(&plate, turned(0.0, 0.0, -0.5e-3 + 5e-4 * i, rot));
+        }
+        assert_true(isfinite(out.force_world_N.z) && isfinite(out.held.pos_m.z));
+    }
+}
+
+/* A hand that jumps is followed, over several ticks, and stopped by what lies between. */
+static void hand_that_jumps_through_a_plate_is_held_before_it(void **state) {
+    (void)state;
+    begin(0.0f);
+    tick(&plate, crt_pose(0.0, 0.0, 20e-3));
+    for (int i = 0; i < 20; i++) {
+        tick(&plate, crt_pose(1e-3, 0.0, -20e-3));
+    }
+    assert_true(fabsf(out.held.pos_m.z - (float)HALF_M) < 2e-5f && out.force_world_N.z > 50.0f);
+}
+
+static void more_samples_than_there_is_room_for_still_hold(void **state) {
+    (void)state;
+    const crt_solid w = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    crt_rig fine;
+    crt_open_cube(&fine, &w, HALF_M, 0.3e-3, VOXEL_M);
+    begin(0.0f);
+    for (int i = 0; i < 40; i++) {
+        const cr_pose hand = crt_pose(0.0, 0.0, HALF_M + 1e-3 - 1e-4 * i);
+        cr_couple_tick(&coupled, fine.world, &hand, PERIOD_S, &out);
+        assert_true(coupled.near_count <= CR_COUPLE_NEAR_MAX && deepest_corner(1.0) < INSIDE_MAX);
+    }
+    assert_true(coupled.stats.dropped > 0u && fabsf(out.force_world_N.z - 5.8f) < 0.05f);
+    crt_close(&fine);
+}
+
+static void bad_input_latches(void **state) {
+    (void)state;
+    cr_pose pose = crt_pose(0.0, 0.0, 20e-3);
+    cr_couple_config c = cr_couple_config_default();
+    assert_int_equal(cr_coupled_init(NULL, &c), CR_ERR_NULL);
+    assert_int_equal(cr_coupled_init(&coupled, NULL), CR_ERR_NULL);
+    c.friction = NAN;
+    assert_int_equal(cr_coupled_init(&coupled, &c), CR_ERR_CONFIG);
+    begin(0.0f);
+    tick(&wall, pose);
+    cr_couple_tick(&coupled, NULL, &pose, PERIOD_S, &out);
+    assert_int_equal(out.faults, CR_COUPLE_FAULT_CONTACT);
+    cr_couple_tick(&coupled, wall.world, &pose, 0.0f, &out);
+    assert_int_equal(out.faults, CR_COUPLE_FAULT_CONTACT | CR_FAULT_PERIOD);
+    cr_coupled_reset(&coupled);
+    pose.pos_m.x = NAN;
+    cr_couple_tick(&coupled, wall.world, &pose, PERIOD_S, &out);
+    assert_int_equal(out.faults, CR_FAULT_POSE);
+    assert_true((double)out.force_world_N.z == 0.0 && isfinite(out.held.pos_m.x));
+    cr_coupled_reset(&coupled);
+    tick(&wall, crt_pose(0.0, 0.0, 20e-3));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(nothing_is_felt_before_it_touches_and_the_spring_alone_after),
+        cmocka_unit_test(plate_never_lets_through),
+        cmocka_unit_test(edge_holds_a_cube_that_turns_over_it),
+        cmocka_unit_test(edge_between_samples_is_felt_where_it_touches),
+        cmocka_unit_test(room_holds_a_cube_in_its_corner),
+        cmocka_unit_test(friction_holds_on_a_wall_without_creep),
+        cmocka_unit_test(hand_that_begins_inside_is_led_out),
+        cmocka_unit_test(hand_that_begins_across_a_plate_gets_an_answer),
+        cmocka_unit_test(hand_that_jumps_through_a_plate_is_held_before_it),
+        cmocka_unit_test(more_samples_than_there_is_room_for_still_hold),
+        cmocka_unit_test(bad_input_latches),
+    };
+    return cmocka_run_group_tests(tests, open_rigs, close_rigs);
+}
