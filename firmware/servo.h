@@ -352,7 +352,7 @@ void cr_servo_sync(cr_servo *servo, uint64_t now_ns, cr_tx *tx);
 void cr_servo_rx(cr_servo *servo, const cr_frame *frame);
 
 /* Purpose  the tick: frames -> drive states -> joints -> pose -> wrench -> torques -> frames.
- * Units    period_s: time since the last tick, within a factor of two of config.period_s.
+ * Units    period_s: from the last tick's SYNC to this one's, within a factor of two of config.period_s.
  * Output   *tx: the torque frame first, then whatever else is due. Finite, within the limits.
  * Errors   none: see faults and counters.   Cost  cr_tick, or cr_feel with late_max_ticks, plus about 1 us. */
 void cr_servo_tick(cr_servo *servo, uint64_t now_ns, float period_s, cr_tx *tx);

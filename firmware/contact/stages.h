@@ -286,7 +286,7 @@ typedef struct {
 typedef struct {
     uint32_t skip;        /* CR_SKIP_* */
     uint32_t coverage;    /* cr_coverage */
-    uint32_t lookups_max; /* work of one call: lookups of 16 points, and one for each cluster in contact */
+    uint32_t lookups_max; /* work of one call, in lookups of 16 points; all that is done counts, in parts of one */
     uint32_t slices_max;  /* calls that a search may take: what was not seen by then is left out, and counted */
 #ifdef CR_RIVALS
     uint32_t touches; /* 1: what is touched, for a response of rivals/, and no zones */

@@ -18,12 +18,13 @@
 void cr_control_reset(cr_control *control) { memset(control, 0, sizeof *control); }
 
 void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
-                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]) {
+                       const uint32_t periods[CR_AXES], float speed[CR_AXES]) {
     for (int a = 0; a < CR_AXES; a++) {
         speed[a] = 0.0f;
         if (periods[a] > 0u) {
             float slope = cr_velocity_step(&control->velocity[a], counts[a], periods[a], config->control.window);
-            speed[a] = slope * config->axis[a].step / period_s;
+            /* Samples are of SYNCs, which keep to their grid: a late one makes the next period short, not the window. */
+            speed[a] = slope * config->axis[a].step / config->period_s;
         }
     }
 }

@@ -67,21 +67,24 @@ void cr_servo_rx(cr_servo *s, const cr_frame *frame) {
     kept->flags = (uint8_t)(s->synced ? 0u : CR_FRAME_EARLY);
 }
 
-static float seconds(uint64_t late_ns, uint64_t early_ns) {
-    uint64_t ns = late_ns - early_ns;
-    return ns > 1000000000ull ? 1.0f : (float)(uint32_t)ns * 1e-9f;
-}
-
 void cr_servo_sync(cr_servo *s, uint64_t now_ns, cr_tx *tx) {
     tx->count = 0u;
-    /* To the nearest: ticks are not what counts, one may come long after its SYNC. */
-    s->periods += 1u + (uint32_t)max_f(0.0f, seconds(now_ns, s->sync_ns) / s->config.period_s - 0.5f);
     s->sync_ns = now_ns;
     s->synced = 1u;
     cr_bus_sync(&s->bus, tx);
 }
 
 /* ------------------------------------------------------------------------------------------------------- stages */
+
+static float seconds(uint64_t late_ns, uint64_t early_ns) {
+    uint64_t ns = late_ns - early_ns;
+    return ns > 1000000000ull ? 1.0f : (float)(uint32_t)ns * 1e-9f;
+}
+
+/* Ticks are not what counts: one may come long after its SYNC, and a SYNC may be late. */
+static uint32_t periods_since(const cr_servo *s, uint64_t ns) {
+    return (uint32_t)max_f(1.0f, seconds(s->sync_ns, ns) / s->config.period_s + 0.5f);
+}
 
 /* The drives hold the last torque until the next. Where none flows, a late tick does no harm. */
 static uint32_t check_time(cr_servo *s, uint64_t now_ns, float period_s) {
@@ -170,10 +173,10 @@ static uint32_t read_axis(cr_servo *s, int a) {
     }
     /* Through bridged periods the joint may have moved on. */
     float moved = counts_between(drive->counts, s->counts[a]) * abs_f(axis->step);
-    s->gap[a] = s->missed[a] > 0u ? s->periods - s->sampled[a] : 1u;
+    s->gap[a] = s->missed[a] > 0u ? periods_since(s, s->sampled_ns[a]) : 1u;
     float most = axis->jump_max * (float)s->gap[a];
     s->missed[a] = 0u;
-    s->sampled[a] = s->periods;
+    s->sampled_ns[a] = s->sync_ns;
     s->counts[a] = drive->counts;
     s->joints.joint[a] = axis->offset + axis->step * (float)drive->counts;
     return (s->has_counts && moved > most ? (uint32_t)CR_FAULT_JUMP : 0u) | check_still(s, a);
@@ -255,10 +258,10 @@ static uint32_t feel_contact(cr_servo *s, float since_s) {
 
 /* Pose to wrench. */
 static uint32_t touch(cr_servo *s, float period_s) {
-    const float since_s = s->untouched ? min_f(1.0f, s->config.period_s * (float)(s->periods - s->asked)) : period_s;
+    const float since_s = s->untouched ? seconds(s->sync_ns, s->asked_ns) : period_s;
     uint32_t faults = 0u;
     s->untouched = 0u;
-    s->asked = s->periods;
+    s->asked_ns = s->sync_ns;
     if (s->config.late_max_ticks > 0u) {
         faults = feel_contact(s, since_s);
     } else {
@@ -333,7 +336,7 @@ static void count_limits(cr_servo *s, uint32_t limits) {
 static void render(cr_servo *s, float period_s, cr_control_output *out) {
     cr_control_input in = {&s->kinematics, s->output.force_world_N, {0}, {0}, period_s};
     memcpy(in.joint, s->joints.joint, sizeof in.joint);
-    cr_control_speeds(&s->config, &s->control, s->counts, s->gap, period_s, in.speed);
+    cr_control_speeds(&s->config, &s->control, s->counts, s->gap, in.speed);
     if (s->stale) {
         cr_control_bridge(&s->control, s->overrun == 1u ? 1.0f : 0.5f, out);
     } else {

@@ -169,7 +169,7 @@ void cr_control_reset(cr_control *control);
 /* Purpose  speeds of the joints, from counts; to be called in every tick.
  * Shapes   periods[a]: since the last sample of axis a; 0: none came, its speed is 0 and nothing is kept. */
 void cr_control_speeds(const cr_servo_config *config, cr_control *control, const int32_t counts[CR_AXES],
-                       const uint32_t periods[CR_AXES], float period_s, float speed[CR_AXES]);
+                       const uint32_t periods[CR_AXES], float speed[CR_AXES]);
 
 /* Purpose  one tick of rendering: damping, passivity, limits, compensation, joint torques.
  * Errors   none: out->limits.   Cost  about 0.2 us.   Source  DESIGN.md "Control". */
@@ -202,7 +202,6 @@ struct cr_servo {
     cr_record record; /* of the last tick; of this one while it runs */
     uint64_t sync_ns, last_now_ns;
     uint32_t synced, ticks;
-    uint32_t periods;        /* up to this SYNC */
     uint32_t slept, overrun; /* periods without a tick before this one; before this and the late ones before it */
     uint32_t mode, faults, first_fault;
     uint32_t inputs, rx_drops, rx_babbled, frame_count;
@@ -210,10 +209,11 @@ struct cr_servo {
     int32_t counts[CR_AXES], rest_counts[CR_AXES];
     uint32_t has_counts, has_wrist, rest_ticks, stale;
     cr_still still[CR_AXES];
-    uint32_t missed[CR_AXES];         /* periods since the last sample that was taken in time */
-    uint32_t gap[CR_AXES];            /* periods from the sample before to this tick's; 0: this tick has none */
-    uint32_t sampled[CR_AXES], asked; /* `periods` of the last sample that was taken, and when the world was asked */
-    uint32_t untouched;               /* the world was not asked in the tick before */
+    uint32_t missed[CR_AXES];     /* periods since the last sample that was taken in time */
+    uint32_t gap[CR_AXES];        /* periods from the sample before to this tick's; 0: this tick has none */
+    uint64_t sampled_ns[CR_AXES]; /* SYNC of the last sample that was taken */
+    uint64_t asked_ns;            /* SYNC of the tick that last asked the world */
+    uint32_t untouched;           /* the world was not asked in the tick before */
     uint32_t late; /* age of its answer in this one, late_max_ticks + 1 at most; CR_NOT_FELT: not asked */
     cr_output output;
 };

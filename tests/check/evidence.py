@@ -165,25 +165,20 @@ def misra_table() -> str:
     )
 
 
-AT_SET_UP = "scene.c"
-"""What firmware/port/cortex-m7/device.mk builds for size: it runs at set-up only."""
+def made_by(text: str) -> list[str]:
+    """Words that make knows, such as `$(ARM)gcc`."""
+    return call(["make", "-s", "--eval", f"show: ; @echo {text}", "show"]).split()
 
 
 def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> list[str]:
     """One configuration, compiled anew."""
-    show = [
-        "make",
-        "-s",
-        "--eval",
-        f"show: ; @echo $(CPU_{cpu}) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES)",
-        "show",
-    ]
-    given = call(show).split()
+    given = made_by(f"$(CPU_{cpu}) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES)")
+    small = [ROOT / word for word in made_by("$(SMALL_C)")]
     options = [w if not w.startswith("-I") else f"-I{ROOT / w[2:]}" for w in given]
     defines = [f"-D{setting}" for setting in settings]
     sources = sorted(p for room in ("contact", "servo") for p in (FIRMWARE / room).glob("*.c"))
     for source in sources:
-        level = ("-Os",) if source.name == AT_SET_UP else ()
+        level = ("-Os",) if source in small else ()
         call(["arm-none-eabi-gcc", *options, *level, *defines, "-c", source], folder)
     total = call(["arm-none-eabi-size", "-t", *sorted(folder.glob("*.o"))]).splitlines()[-1].split()
     allowed = {

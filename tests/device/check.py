@@ -185,10 +185,9 @@ def static_bytes(build: str) -> int:
     return sum(int(line.split()[1]) + int(line.split()[2]) for line in lines)
 
 
-def stack_of(build: str) -> Chain:
-    """The worst chain of the libraries.   Errors: CallGraphError."""
-    objects = [*library_objects(build), *couple_objects(build)]
-    files = [path.with_suffix(".ci") for path in objects]
+def stack_of(build: str, more: Sequence[Path] = ()) -> Chain:
+    """The worst chain of the library, and of what calls it in `more` objects.   Errors: CallGraphError."""
+    files = [path.with_suffix(".ci") for path in (*library_objects(build), *more)]
     return worst_chain(read_graph(files, allowed_symbols()))
 
 
@@ -227,6 +226,7 @@ def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str
             run.figures["state"] for name, run in runs.items() if name != LOOP
         ),
         "worst stack": stack.bytes,
+        "worst stack of the coupling": stack_of(build, couple_objects(build)).bytes,
     }
     if LOOP in runs:
         figures["state of the servo with its world"] = runs[LOOP].figures["state"]

@@ -1,7 +1,7 @@
 """creased beside a disk and a terminal that do not answer: its own loop, with a UNIX socket in place of the CAN one.
 
-Nothing here depends on how soon a busy machine wakes a thread: what must happen soon is counted in ticks, and where it
-matters these are long.
+What must happen soon is counted in ticks, and these are long, so that it does not depend on how soon a busy machine
+wakes a thread. What is of the clock all the same is marked `quiet`.
 """
 
 from __future__ import annotations
@@ -168,6 +168,7 @@ def end_of(run: Run, seconds: float = 10.0) -> tuple[int, str]:
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 def test_signal_in_the_sleep_spoils_no_figure(tmp_path: Path, scene_crs: Path) -> None:
     """A sleep that is cut short began its period before its time: 1.8e19 us late, by unsigned arithmetic."""
     for k in range(4):
@@ -185,6 +186,7 @@ def test_signal_in_the_sleep_spoils_no_figure(tmp_path: Path, scene_crs: Path) -
         assert (np.diff(rows["sync_ns"].astype(np.int64)) > PERIOD_NS // 2).all(), "none came early"
 
 
+@pytest.mark.quiet
 def test_deadline_runs_from_the_sync(tmp_path: Path, scene_crs: Path) -> None:
     """Nobody answers: each tick waits the whole deadline after its SYNC, however late the period began."""
     device = DEVICE.replace("deadline_us = 7000", "deadline_us = 2000")
@@ -248,6 +250,7 @@ def test_blocked_disk_holds_up_no_signal(tmp_path: Path, scene_crs: Path) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 def test_disk_that_never_answers_is_left_behind_and_said(tmp_path: Path, scene_crs: Path) -> None:
     fifo = tmp_path / "run.crr"
     os.mkfifo(fifo)
@@ -313,6 +316,7 @@ def test_terminal_that_goes_away_ends_nothing(tmp_path: Path, scene_crs: Path, n
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 def test_watchdog_hears_the_loop_and_is_disarmed_at_the_end(
     tmp_path: Path, scene_crs: Path
 ) -> None:
@@ -339,6 +343,7 @@ def test_watchdog_that_is_not_there_is_refused(tmp_path: Path, scene_crs: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.quiet
 @pytest.mark.parametrize("name", ["file", "abstract"])
 def test_service_manager_hears_ready_alive_and_stopping(
     tmp_path: Path, scene_crs: Path, name: str

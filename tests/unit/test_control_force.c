@@ -198,7 +198,7 @@ static double bounce_off_wall(float stiffness, float damping_max, double *bounce
     for (int k = 0; k < 400; k++) {
         now = next; /* SYNC: the torque of the tick before acts */
         const int32_t counts[CR_AXES] = {(int32_t)floor(x / CRT_STEP_M + 0.5), 0, 0};
-        cr_control_speeds(&b.config, &b.control, counts, every, 1e-3f, b.in.speed);
+        cr_control_speeds(&b.config, &b.control, counts, every, b.in.speed);
         b.in.speed[1] = b.in.speed[2] = 0.0f;
         const float seen = (float)counts[0] * (float)CRT_STEP_M;
         crt_bench_set_joints(&b, seen, (float)(PI / 4.0), (float)(-PI / 4.0));

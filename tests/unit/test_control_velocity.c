@@ -140,7 +140,7 @@ static void speeds_of_an_axis_without_a_sample_wait_for_the_next(void **state) {
     for (int k = 0; k <= 50; k++) {
         const int32_t counts[CR_AXES] = {2 * k, 3 * k, -4 * k};
         periods[1] = k == 48 || k == 49 ? 0u : k == 50 ? 3u : 1u;
-        cr_control_speeds(&b.config, &b.control, counts, periods, 1e-3f, speed);
+        cr_control_speeds(&b.config, &b.control, counts, periods, speed);
         assert_true(periods[1] > 0u || speed[1] == 0.0f);
     }
     assert_true(crt_near(speed[0], 0.120, 1e-6) &&

@@ -19,11 +19,11 @@ CORTEX_INCLUDES := -Ifirmware -I$(CORTEX) -Itests/check
 CORTEX_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -L$(CORTEX)
 CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.c)
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
-SMALL_C := $(addprefix firmware/,$(addprefix contact/,scene.c settings.c world.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c))
+SMALL_C := $(addprefix firmware/,$(addprefix contact/,scene.c settings.c world.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c))
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
-	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL)' >$$@
+	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C)' >$$@
 
 build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)

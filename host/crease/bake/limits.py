@@ -6,14 +6,18 @@ import math
 
 import numpy as np
 
+from crease.bake.cells import DENSE_PER_SAMPLE
 from crease.base.errors import MeshError
 from crease.base.settings import setting
 from crease.base.units import format_length, format_size
 from crease.mesh.mesh import Mesh
 from crease.mesh.topology import areas_m2
 
-SAMPLE_BYTES = 3_500
-"""Peak memory for each sample of a shell; measured on a ball of a million: 2,600, mostly its fine points."""
+SAMPLE_BYTES = 600
+"""Peak memory for each sample of a shell, and"""
+POINT_BYTES = 120
+"""for each fine point that its cells are gathered from. Measured: 2,600 a sample on a ball of a million, 7,850 where
+triangles are little larger than a fine point."""
 BRICK_BYTES = 24_000
 """Peak memory for each brick near the surface: 729 distances and facets, 512 cells, a share of finer samples."""
 GRID_BYTES = 40
@@ -24,11 +28,17 @@ BASE_BYTES = 300_000_000
 
 def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:
     """Errors: MeshError with the numbers when a shell of this spacing takes too much memory."""
-    area_m2 = float(areas_m2(tool.vertices_m, tool.triangles).sum())
-    samples = 1.2 * area_m2 / spacing_m**2
-    needs = BASE_BYTES + SAMPLE_BYTES * samples
+    area_m2 = areas_m2(tool.vertices_m, tool.triangles)
+
+    def counts(spacing_m: float) -> tuple[float, float]:
+        """Samples, and bytes with their fine points."""
+        samples = 1.2 * float(area_m2.sum()) / spacing_m**2
+        points = float((np.ceil(np.sqrt(area_m2 * DENSE_PER_SAMPLE / spacing_m**2)) ** 2).sum())
+        return samples, BASE_BYTES + SAMPLE_BYTES * samples + POINT_BYTES * points
+
+    samples, needs = counts(spacing_m)
     if needs > memory_max:
-        fits_m = spacing_m * math.sqrt(SAMPLE_BYTES * samples / max(memory_max - BASE_BYTES, 1e6))
+        fits_m = spacing_m * math.sqrt((needs - BASE_BYTES) / max(memory_max - BASE_BYTES, 1e6))
         raise MeshError(
             f"{setting('spacing_m', spacing_m)} makes about {samples:,.0f} samples and takes about "
             f"{format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
