@@ -349,6 +349,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
     CR_ASSERT(work->next <= steps);
     cr_planes planes, cell;
     planes.kind = cell.kind = 0u;
+    planes.count = cell.count = 0u;
     while (work->next < steps && work->spent / CR_WORK_PARTS < lookups_max) {
         const uint32_t step = work->next;
         if (step >= zones->count) {
