@@ -104,6 +104,53 @@ def test_plate_pressed_deeper_than_it_is_thick_holds(plate: Scene, friction: flo
         assert np.linalg.norm(rows["force_N"][-1]) > 5.0
 
 
+def tip() -> Any:
+    """A pyramid on its apex, mm."""
+    base = [[x, y, 15] for x in (-3, 3) for y in (-3, 3)]
+    return mf.Manifold.hull_points(np.array([[0, 0, 0], *base], np.float64))
+
+
+def groove() -> Any:
+    """A block with a V of 90 degrees along y, mm."""
+    block = box(40, 40, 20).translate([0, 0, -10])
+    return block - box(10, 60, 10).rotate([0, 45, 0])
+
+
+def thin_corner() -> Any:
+    """A floor and a wall, 1 mm each, mm."""
+    floor = box(40, 40, 1).translate([0, 0, -0.5])
+    return floor + box(1, 40, 20).translate([0.5, 0, 9])
+
+
+def press(at_mm: tuple[F64, F64], turn: Rotation) -> Trajectory:
+    """To a place in 160 ms, and rest there."""
+    way = np.minimum(np.arange(280) / 160.0, 1.0)[:, np.newaxis]
+    at_m = 1e-3 * (at_mm[0] + way * (at_mm[1] - at_mm[0]))
+    return path_of(at_m, Rotation.from_quat(np.tile(turn.as_quat(), (len(at_m), 1))))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_tip_between_walls_is_held_by_both_and_rests(friction: float) -> None:
+    lean, level = Rotation.from_rotvec([0.0, -0.6, 0.0]), Rotation.identity()
+    options = ReplayOptions(K_T, couple=CoupleOptions(friction=friction))
+    for static, ways, turn in (
+        (groove(), [((1.0, 0.0, 2.0), (0.6, 0.0, -9.0))], level),
+        (
+            thin_corner(),
+            [((-4.0, 0.0, 2.0), (x, 0.0, z)) for x, z in ((1, -1), (2, -2), (8, -4), (4, -8))],
+            lean,
+        ),
+    ):
+        scene = scene_of(static, tip(), 2e-3, 1e-3)
+        for start, end in ways:
+            rows = run_path(scene, press((np.array(start), np.array(end)), turn), options)
+            assert not rows["faults"].any()
+            assert not rows["late_ticks"][-100:].any()
+            assert np.ptp(rows["force_N"][-100:], axis=0).max() < 0.01  # no swing
+            for row in rows[::20]:
+                assert inside_mm(static, tip(), *held_of(row)) < INSIDE_MAX_MM
+
+
 def test_cube_that_turns_on_a_plate_gets_no_energy_from_it(plate: Scene) -> None:
     a = np.linspace(0.0, 2.0 * np.pi, 2001)
     at_m = np.column_stack(
