@@ -3,11 +3,6 @@
 
 /* A gradient that is shorter tells no direction. */
 #define NORMAL_MIN 0.1f
-/* In a cell of many facets, shares of a voxel: a sample is no deeper behind a wall; a wall's foot is no farther from the surface; the nearest wall explains
- * the distance so well, as walls that meet bend that between samples of the image. */
-#define BEHIND_VOXELS 0.3f
-#define FOOT_VOXELS 0.3f
-#define SAME_VOXELS 0.3f
 
 static void add_near(cr_couple_view *v, uint32_t key, cr_vec3 place, float phi_m, cr_vec3 normal) {
     if (v->count == CR_COUPLE_NEAR_MAX) {
@@ -43,83 +38,10 @@ static float sharpen(const cr_couple_view *v, const cr_lookup *at, int i, cr_vec
     return same ? height : phi_m;
 }
 
-/* The walls that a sample must stay before at once: those that meet concavely where it is. */
-typedef struct {
-    uint32_t count;
-    cr_vec3 normal[CR_KIND_FACETS_MAX];
-    float gap_m[CR_KIND_FACETS_MAX]; /* the least is the first */
-} near_walls;
-
-/* Whether the surface is where a facet's plane is below a place: the facet may end before. */
-static int is_surface_below(cr_couple_view *v, cr_vec3 place, cr_vec3 normal, float height_m) {
-    const cr_vec3 foot = v3_mad(place, normal, -height_m);
-    cr_lanes3 p = {{0.0f}, {0.0f}, {0.0f}};
-    cr_lookup at;
-    for (int i = 0; i < CR_LANES; i++) {
-        p.x[i] = foot.x;
-        p.y[i] = foot.y;
-        p.z[i] = foot.z;
-    }
-    cr_field_look_up_lanes(v->field, &p, 1u, &at);
-    v->lookups++;
-    return abs_f(at.phi_m[0]) <= FOOT_VOXELS * v->field->scene->meta->voxel_m;
-}
-
-static void add_wall(near_walls *w, cr_vec3 normal, float gap_m) {
-    const uint32_t at = w->count++;
-    const int first = at == 0u || gap_m < w->gap_m[0];
-    w->normal[at] = first ? w->normal[0] : normal;
-    w->gap_m[at] = first ? w->gap_m[0] : gap_m;
-    if (first) {
-        w->normal[0] = normal;
-        w->gap_m[0] = gap_m;
-    }
-}
-
-/* Whether a facet meets each of those that were taken concavely. */
-static int meets_walls(const cr_scene *s, const uint32_t *taken, uint32_t count, uint32_t facet) {
-    for (uint32_t k = 0; k < count; k++) {
-        const uint32_t a = s->facets[taken[k]].patch, b = s->facets[facet].patch;
-        if (a == b || cr_pair_label(s, a, b) != (uint32_t)CR_PAIR_CONCAVE) {
-            return 0;
-        }
-    }
-    return 1;
-}
-
-/* Walls of a sample's cell; none where it sees but one, or where they are not what was looked up. */
-static void find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, near_walls *w) {
-    const cr_scene *s = v->field->scene;
-    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
-    const int exact = kind->kind == (uint32_t)CR_KIND_CONCAVE && has_lane(at->from_facet, i);
-    uint32_t taken[CR_KIND_FACETS_MAX];
-    w->count = 0u;
-    if (!exact && kind->kind != (uint32_t)CR_KIND_MIXED) {
-        return;
-    }
-    for (uint32_t k = 0; k < kind->count; k++) {
-        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
-        const cr_vec3 n = v3_from(f->normal);
-        const float height = v3_dot(n, place) - f->offset_m;
-        if (height >= v->margin_m + v->slack_m) {
-            continue;
-        }
-        if (!exact && (f->curved || height < -BEHIND_VOXELS * s->meta->voxel_m ||
-                       !meets_walls(s, taken, w->count, kind->facet[k]) || !is_surface_below(v, place, n, height))) {
-            continue;
-        }
-        taken[w->count] = kind->facet[k];
-        add_wall(w, n, height);
-    }
-    if (!exact && (w->count < 2u || abs_f(w->gap_m[0] - at->phi_m[i]) > SAME_VOXELS * s->meta->voxel_m)) {
-        w->count = 0u;
-    }
-}
-
 /* A plane for each wall.   Output  whether there are any. */
 static int add_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, uint32_t key) {
-    near_walls w;
-    find_walls(v, at, i, place, &w);
+    cr_couple_walls w;
+    cr_couple_find_walls(v, at, i, place, &w);
     for (uint32_t k = 0; k < w.count; k++) {
         add_near(v, key + k, place, w.gap_m[k], w.normal[k]);
     }
@@ -136,38 +58,21 @@ static void add_sample(cr_couple_view *v, uint32_t key, cr_vec3 place, float gap
     }
 }
 
-/* Lanes whose pieces come nearer elsewhere than at their middles are moved there, and looked up again. */
-static uint32_t move_nearer(cr_couple_view *v, uint32_t used, uint32_t moved, const cr_lanes3 *place,
-                            const float *phi_m, cr_lanes3 *world, cr_lookup *at) {
-    uint32_t nearer = 0u;
-    for (uint32_t left = moved; left != 0u;) {
-        const int i = take_lane(&left);
-        if (phi_m[i] < at->phi_m[i]) {
-            world->x[i] = place->x[i];
-            world->y[i] = place->y[i];
-            world->z[i] = place->z[i];
-            nearer |= 1u << i;
-        }
-    }
-    if (nearer != 0u) {
-        cr_field_look_up_lanes(v->field, world, used, at);
-        v->lookups++;
-    }
-    return nearer;
-}
-
 /* Samples of a cluster. Where a piece's end, or a place between, is nearer than its middle, that stands for the sample. */
 static void look_at_cluster(cr_couple_view *v, uint32_t cluster) {
     const struct cr_img_cluster *c = &v->field->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
-    cr_lanes3 world, place = {{0.0f}, {0.0f}, {0.0f}}, normal;
+    cr_lanes3 world, normal;
     cr_lookup at;
-    float phi_m[CR_LANES];
+    uint32_t nearer;
     cr_lanes_to_world(&v->pose, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(v->field, &world, used, &at);
     v->lookups++;
-    const uint32_t moved = cr_couple_nearest(v, c, &at, used & ~(uint32_t)c->vertex_mask, &place, phi_m, &normal);
-    const uint32_t nearer = move_nearer(v, used, moved, &place, phi_m, &world, &at);
+    const uint32_t moved = cr_couple_nearest(v, c, &at, used & ~(uint32_t)c->vertex_mask, &world, &nearer, &normal);
+    if (nearer != 0u) {
+        cr_field_look_up_lanes(v->field, &world, used, &at);
+        v->lookups++;
+    }
     for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
         const cr_vec3 p = lane_of(&world, i);

@@ -292,7 +292,7 @@ static void hand_that_begins_inside_is_led_out(void **state) {
     assert_true(deepest_corner(1.0) < INSIDE_MAX && fabsf(out.force_world_N.z - 6.0f) < 0.05f);
 }
 
-/* Contacts that contradict each other, more than there may be: an answer, and out once the hand is. */
+/* Contacts that contradict each other, more than there may be: an answer, a number. */
 static void hand_that_begins_across_a_plate_gets_an_answer(void **state) {
     (void)state;
     uint64_t seed = 5u;
