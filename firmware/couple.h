@@ -4,9 +4,11 @@
  *          another origin, cr_couple_init; then each period cr_couple_step with the hand's pose and the contacts of that moment.
  *          The held tool takes the pose that is nearest to the hand's, in the energy of the coupling, of those that keep every point of every
  *          contact on its side; what the spring between the two then pulls with is the wrench (couple/DESIGN.md).
- * Memory   the caller's: one cr_couple. No heap.
+ * Memory   the caller's: one cr_couple, 8 KB, for steps; one cr_coupled, 75 KB, for ticks. No heap.
  * Threads  none inside: a coupling belongs to one thread at a time.
- * Time     an argument. No clock, no I/O, no globals: a step is a pure function of (coupling, pose, period, contacts).
+ * Time     an argument. No clock, no I/O, no globals: a step is a pure function of (coupling, pose, period, contacts), a tick of (coupling, scene,
+ *          pose, period).
+ * Limit    none of the force: it is what the spring pulls with, however far the hand is; the handle's own limit is the caller's.
  * Units    SI; frames and poses as in crease.h. */
 #ifndef CREASE_COUPLE_H
 #define CREASE_COUPLE_H
@@ -50,7 +52,8 @@ typedef struct {
     cr_vec3 force_world_N;   /* on the hand's tool */
     cr_vec3 torque_world_Nm; /* about the origin of the hand's tool */
     cr_pose held;            /* world_from_tool of the held tool: what the eye should see */
-    float inside_m;          /* of its deepest point behind a contact's plane; 0: none is */
+    float
+        inside_m; /* of its deepest point behind a contact's plane, in a tick behind that of any near sample; 0: none is */
     float
         unsettled_m; /* what the last step of the descent still moved; above 1e-7 its work ran out, the next period goes on */
     uint32_t faults;     /* latched */
@@ -108,7 +111,7 @@ void cr_couple_reset(cr_couple *couple);
 void cr_couple_step(cr_couple *couple, const cr_pose *world_from_tool, float period_s,
                     const cr_couple_contact *contacts, uint32_t count, cr_couple_output *out);
 
-/* Samples of the tool that may be near the obstacle at one time. 32 bytes each. */
+/* Planes of samples of the tool that may be near the obstacle at one time: one for each, or as many as walls that meet there. 32 bytes each. */
 #ifndef CR_COUPLE_NEAR_MAX
 #define CR_COUPLE_NEAR_MAX 2048u
 #endif
@@ -119,11 +122,11 @@ void cr_couple_step(cr_couple *couple, const cr_pose *world_from_tool, float per
 /* Steps of the held tool in one tick, at most. */
 #define CR_COUPLE_STEPS_MAX 8u
 
-/* A sample of the tool near the obstacle: it must stay on the side of the plane that it is on. World frame, from the middle of the held tool. */
+/* A sample of the tool near the obstacle, and one plane: it must stay on the side that it is on. World frame, from the middle of the held tool. */
 typedef struct {
     cr_vec3 normal, arm_m;
     float gap_m;
-    uint32_t key; /* of the sample */
+    uint32_t key; /* of the sample and the plane */
 } cr_couple_near;
 
 /* Work done and trouble met in one tick. Plain counts, but for what is named otherwise. */
@@ -131,11 +134,12 @@ typedef struct {
     uint32_t steps;    /* of the held tool */
     uint32_t descents; /* looks for the least energy */
     uint32_t lookups;  /* of 16 points */
-    uint32_t near;     /* samples, in the last step */
+    uint32_t near;     /* planes of near samples, in the last step */
     uint32_t contacts; /* of these, those that were asked, in the last step */
-    uint32_t dropped;  /* samples left out, as more were near than CR_COUPLE_NEAR_MAX: the tool is held by the others */
-    uint32_t refused;  /* steps that were cut short, as there were more contacts than CR_COUPLE_CONTACTS_MAX */
-    float left_m;      /* what a point of the tool was to move and did not: the next tick goes on */
+    uint32_t
+        dropped; /* samples left out, as more were near than CR_COUPLE_NEAR_MAX, or one had no direction out: the tool is held by the others */
+    uint32_t refused; /* steps that were cut short, as there were more contacts than CR_COUPLE_CONTACTS_MAX */
+    float left_m;     /* what a point of the tool was to move and did not: the next tick goes on */
 } cr_couple_stats;
 
 /* A coupling that looks for its contacts: the caller's memory, the library's to write. */

@@ -166,6 +166,7 @@ void cr_couple_try(cr_couple *couple, const cr_couple_tie *k, const cr_couple_co
     float off_m = 1.0f;
     cr_couple_lay_out(couple, contacts, count);
     out->iterations = 0u;
+    out->unsettled_m = 0.0f;
     if (couple->point_count == 0u) {
         go_free(couple, k);
     }

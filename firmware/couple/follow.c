@@ -18,6 +18,8 @@
 /* A sample has passed its plane where it is deeper than this, and than what presses by half, m. */
 #define PASSED_M 2e-6f
 #define PASSED_SHARE 1.5f
+/* Halvings of a step that is cut short. */
+#define SHARES_MAX 6u
 /* One sample at a time from each of the corners of the tool. */
 #define CORNERS 8
 
@@ -165,19 +167,54 @@ static float ask_passed(cr_coupled *c, const cr_couple_view *v, const tool_motio
     return share;
 }
 
-/* Back towards where the step began. */
-static void make_share(cr_couple *couple, const cr_pose *from, const tool_motion *m, float share) {
-    couple->held.pos_m = v3_mad(from->pos_m, v3_sub(couple->held.pos_m, from->pos_m), share);
-    couple->held.rot = cr_couple_turned(from->rot, v3_scale(m->turn_rad, share));
+/* Back towards where the step began: the tool's middle on a straight line, so that no point moves farther than that share of most_m. */
+static void make_share(const cr_scene *s, cr_couple *couple, const cr_pose *from, const tool_motion *m) {
+    const cr_vec3 middle = v3_add(middle_of_tool(s, couple, from), m->middle_m);
+    couple->held.rot = cr_couple_turned(from->rot, m->turn_rad);
+    const xform turned = xform_from_pose(&couple->held);
+    const cr_vec3 arm = v3_sub(v3_from(s->meta->root_centre_m), couple->config.centre_tool_m);
+    couple->held.pos_m = v3_sub(middle, xform_rotate(&turned, arm));
+}
+
+static tool_motion share_of_motion(const tool_motion *m, float share) {
+    const tool_motion part = {v3_scale(m->middle_m, share), v3_scale(m->turn_rad, share), share * m->most_m};
+    return part;
+}
+
+/* How deep near samples are behind their planes after a motion, at most, m: all, or those that it carries deeper. */
+static float deepest_near(const cr_couple_view *v, const tool_motion *m, int carried) {
+    cr_vec3 turned[3];
+    float deep = 0.0f;
+    turn_less_one(m, turned);
+    for (uint32_t i = 0; i < v->count; i++) {
+        const float gap = gap_after(&v->near[i], turned, m);
+        deep = !carried || gap < v->near[i].gap_m - PASSED_M ? max_f(deep, -gap) : deep;
+    }
+    return deep;
+}
+
+/* The share of a motion that is made. What turns goes on circles: halved until no sample is carried deeper than what passes. */
+static float shorten(const cr_coupled *c, const cr_couple_view *v, const tool_motion *m, float share) {
+    const float limit = PASSED_M + max_f(PASSED_M, PASSED_SHARE * deepest_contact(c));
+    for (uint32_t i = 0; i < SHARES_MAX; i++) {
+        const tool_motion part = share_of_motion(m, share);
+        if (deepest_near(v, &part, 1) <= limit) {
+            break;
+        }
+        share *= 0.5f;
+    }
+    return share;
 }
 
 /* One step.   Output  how far a point of the tool may have moved at most, m. */
 static float step_held(cr_coupled *c, cr_couple_view *v, const cr_couple_tie *k, float step_m, cr_couple_output *out) {
+    const cr_scene *s = v->field->scene;
     const cr_pose from = c->couple.held;
     const float turning = c->couple.turning;
     tool_motion m = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}, 0.0f};
     uint32_t added = 1u;
     float share = 1.0f;
+    c->stats.left_m = 0.0f;
     view_from(&c->couple, v);
     v->margin_m = step_m;
     v->every = 1u;
@@ -193,22 +230,25 @@ static float step_held(cr_coupled *c, cr_couple_view *v, const cr_couple_tie *k,
         c->couple.turning = turning;
         cr_couple_try(&c->couple, k, c->contacts, c->contact_count, out);
         c->stats.descents++;
-        m = motion_between(v->field->scene, &c->couple, &from);
+        m = motion_between(s, &c->couple, &from);
         share = ask_passed(c, v, &m, i + 1u < TRIES_MAX, &added);
     }
     c->stats.refused += share < 1.0f ? 1u : 0u;
     c->stats.dropped += v->dropped + v->left_out;
-    const float may_m = max_f(v->free_m, 0.0f);
-    c->stats.left_m = max_f(0.0f, m.most_m - may_m);
+    const float safe_m = max_f(v->free_m, 0.0f), may_m = v->count > 0u ? min_f(safe_m, v->margin_m) : safe_m;
     share = m.most_m > may_m ? min_f(share, may_m / m.most_m) : share;
     if (share < 1.0f) {
-        make_share(&c->couple, &from, &m, share);
+        share = shorten(c, v, &m, share);
+        c->stats.left_m = (1.0f - share) * m.most_m;
+        m = share_of_motion(&m, share);
+        make_share(s, &c->couple, &from, &m);
     }
     cr_couple_settle(&c->couple, k, c->contacts, c->contact_count, out);
+    out->inside_m = max_f(out->inside_m, deepest_near(v, &m, 0));
     if (share < 1.0f) {
         out->pressing = cr_couple_pressing(&c->couple);
     }
-    return share * m.most_m;
+    return m.most_m;
 }
 
 cr_err cr_coupled_init(cr_coupled *coupled, const cr_couple_config *config) {
@@ -234,7 +274,7 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
     c->stats = none;
     const uint32_t none_to_look_in = world == NULL ? CR_COUPLE_FAULT_CONTACT : 0u;
     if (!cr_couple_accept(&c->couple, world_from_tool, period_s, none_to_look_in, &k, out) || world == NULL) {
-        c->contact_count = 0u;
+        c->contact_count = c->near_count = 0u;
         return;
     }
     cr_couple_view v = {.field = &world->field, .near = c->near};
@@ -244,6 +284,7 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
         moved = step_held(c, &v, &k, step_m, out);
         c->stats.steps++;
     }
+    c->stats.left_m = moved > STEP_ENOUGH_M ? max_f(c->stats.left_m, moved) : c->stats.left_m;
     c->stats.lookups = v.lookups;
     c->stats.near = c->near_count = v.count;
     c->stats.contacts = c->contact_count;

@@ -26,10 +26,21 @@ typedef struct {
 void cr_couple_gather(cr_couple_view *view);
 
 /* Purpose  where the pieces of surface of some samples of a cluster come nearest.
- * Shapes   at: what was looked up at the samples; bits of `asked` in, of those that were moved out.
- * Output   place, phi_m and normal of those, world frame. */
+ * Shapes   place: of the samples, world frame; at: what was looked up there; bits of `asked`.   Result  bits of those whose piece was looked at.
+ * Output   bits of those that come nearer elsewhere, and their place and normal. */
 uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, const cr_lookup *at, uint32_t asked,
-                           cr_lanes3 *place, float *phi_m, cr_lanes3 *normal);
+                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
+
+/* The walls that a sample must stay before at once: those that meet concavely where it is. */
+typedef struct {
+    uint32_t count;
+    cr_vec3 normal[CR_KIND_FACETS_MAX];
+    float gap_m[CR_KIND_FACETS_MAX]; /* the least is the first */
+} cr_couple_walls;
+
+/* Purpose  walls of a sample's cell.   Shapes  at: what was looked up at the place of lane i.   Output  none where it sees but one, or where they are not what
+ *          was looked up.   Cost  lookups, in cells of many facets. */
+void cr_couple_find_walls(cr_couple_view *view, const cr_lookup *at, int i, cr_vec3 place, cr_couple_walls *w);
 
 /* How far a sample's piece of surface reaches along a direction, m: corners and vertices are points. */
 static inline float piece_reach(const struct cr_img_cluster *c, int i, cr_vec3 along) {

@@ -1,4 +1,4 @@
-/* The samples of the held tool that are near the obstacle, and the plane that each is above: down the tree of spheres, by distance. */
+/* The samples of the held tool that are near the obstacle, and the planes that each is above: down the tree of spheres, by distance. */
 #include "couple/follow_parts.h"
 
 /* A gradient that is shorter tells no direction. */
@@ -38,34 +38,57 @@ static float sharpen(const cr_couple_view *v, const cr_lookup *at, int i, cr_vec
     return same ? height : phi_m;
 }
 
+/* A plane for each wall.   Output  whether there are any. */
+static int add_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, uint32_t key) {
+    cr_couple_walls w;
+    cr_couple_find_walls(v, at, i, place, &w);
+    for (uint32_t k = 0; k < w.count; k++) {
+        add_near(v, key + k, place, w.gap_m[k], w.normal[k]);
+    }
+    return w.count > 0u;
+}
+
+/* The one plane of a sample where no walls meet. Where it has none the tool may go no farther than the others were looked for. */
+static void add_sample(cr_couple_view *v, uint32_t key, cr_vec3 place, float gap_m, cr_vec3 normal) {
+    if (v3_dot(normal, normal) > 0.5f) {
+        add_near(v, key, place, gap_m, normal);
+    } else {
+        v->left_out++;
+        v->free_m = lower_f(v->free_m, v->margin_m);
+    }
+}
+
 /* Samples of a cluster. Where a piece's end, or a place between, is nearer than its middle, that stands for the sample. */
 static void look_at_cluster(cr_couple_view *v, uint32_t cluster) {
     const struct cr_img_cluster *c = &v->field->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
-    cr_lanes3 world, place = {{0.0f}, {0.0f}, {0.0f}}, normal;
+    cr_lanes3 world, normal;
     cr_lookup at;
-    float phi_m[CR_LANES];
+    uint32_t nearer;
     cr_lanes_to_world(&v->pose, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(v->field, &world, used, &at);
     v->lookups++;
-    const uint32_t moved = cr_couple_nearest(v, c, &at, used & ~(uint32_t)c->vertex_mask, &place, phi_m, &normal);
+    const uint32_t moved = cr_couple_nearest(v, c, &at, used & ~(uint32_t)c->vertex_mask, &world, &nearer, &normal);
+    if (nearer != 0u) {
+        cr_field_look_up_lanes(v->field, &world, used, &at);
+        v->lookups++;
+    }
     for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
-        const int there = has_lane(moved, i) && phi_m[i] < at.phi_m[i];
-        const float phi = there ? phi_m[i] : at.phi_m[i];
-        if (phi < v->margin_m + v->slack_m) {
-            const cr_vec3 p = there ? lane_of(&place, i) : lane_of(&world, i);
-            cr_vec3 n = there ? lane_of(&normal, i) : plane_of(v, c, &at, i);
-            const float gap = there ? phi : sharpen(v, &at, i, p, phi, &n);
-            if (i % (int)v->every != 0 && !has_lane(c->vertex_mask, i)) {
-                v->left_out++;
-            } else if (v3_dot(n, n) > 0.5f) {
-                add_near(v, cluster * CR_LANES + (uint32_t)i, p, gap, n);
-            }
-        } else {
+        const cr_vec3 p = lane_of(&world, i);
+        if (at.phi_m[i] >= v->margin_m + v->slack_m) {
             const cr_vec3 g = v3_unit(v3(at.gx[i], at.gy[i], at.gz[i]), NORMAL_MIN);
             const float reach = has_lane(moved, i) ? 0.0f : piece_reach(c, i, xform_unrotate(&v->pose, g));
-            v->free_m = lower_f(v->free_m, phi - reach - v->slack_m);
+            v->free_m = lower_f(v->free_m, at.phi_m[i] - reach - v->slack_m);
+        } else if (i % (int)v->every != 0 && !has_lane(c->vertex_mask, i)) {
+            v->left_out++;
+        } else {
+            const uint32_t key = (cluster * CR_LANES + (uint32_t)i) * CR_KIND_FACETS_MAX;
+            if (!add_walls(v, &at, i, p, key)) {
+                cr_vec3 n = has_lane(nearer, i) ? lane_of(&normal, i) : plane_of(v, c, &at, i);
+                const float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
+                add_sample(v, key, p, gap, n);
+            }
         }
     }
 }

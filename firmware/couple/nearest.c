@@ -1,5 +1,11 @@
-/* Where a piece of the tool's surface comes nearest to the obstacle: an edge or a corner of that may reach between two samples. */
+/* What of the obstacle holds a sample: walls that meet, and where a piece of the tool's surface comes nearest: an edge or a corner of that may reach between two samples. */
 #include "couple/follow_parts.h"
+
+/* In a cell of many facets, shares of a voxel: a sample is no deeper behind a wall; a wall's foot is no farther from the surface; the nearest wall explains
+ * the distance so well, as walls that meet bend that between samples of the image. */
+#define BEHIND_VOXELS 0.3f
+#define FOOT_VOXELS 0.3f
+#define SAME_VOXELS 0.3f
 
 /* A piece is looked at where its end is nearer than its middle by more, m. */
 #define LEAN_MIN_M 1e-6f
@@ -8,8 +14,7 @@
 
 /* The way from the middle of each piece to its end, the way the distance falls, in one line. */
 typedef struct {
-    cr_vec3 way[CR_LANES]; /* tool frame */
-    cr_vec3 turned[CR_LANES];
+    cr_vec3 way[CR_LANES];                                       /* tool frame */
     float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES]; /* falls there */
     float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
 } piece_lines;
@@ -32,7 +37,6 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
         const float reach = piece_reach(c, i, g);
         if (reach > LEAN_MIN_M && at->phi_m[i] - reach < v->margin_m + v->slack_m) {
             l->way[i] = v3_scale(spread_times(c, i, g), -0.25f / reach);
-            l->turned[i] = xform_rotate(&v->pose, l->way[i]);
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
             l->low_slope[i] = -reach;
@@ -42,16 +46,18 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
     return leaning;
 }
 
+static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
+    places->x[i] = p.x;
+    places->y[i] = p.y;
+    places->z[i] = p.z;
+}
+
 static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const piece_lines *l, uint32_t lanes,
                        const float *share, cr_lanes3 *place, cr_lookup *at) {
-    float x[CR_LANES], y[CR_LANES], z[CR_LANES];
     for (int i = 0; i < CR_LANES; i++) {
         const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, l, i, share[i]) : v3(c->x[0], c->y[0], c->z[0]);
-        x[i] = p.x;
-        y[i] = p.y;
-        z[i] = p.z;
+        put_place(place, i, xform_point(&v->pose, p));
     }
-    cr_lanes_to_world(&v->pose, x, y, z, place);
     cr_field_look_up_lanes(v->field, place, lanes, at);
     v->lookups++;
 }
@@ -63,41 +69,48 @@ static float meet_tangents(const piece_lines *l, int i) {
     return t > 0.0f && t < steps ? l->low[i] + t : l->low[i] + 0.5f * steps;
 }
 
-/* What was found at a share of the line; a normal along the line is none of a least between its ends. */
-static void take_found(const piece_lines *l, const cr_lookup *at, int i, int between, float *phi_m, cr_lanes3 *normal) {
+/* Where a lane's piece is nearer: its least between two ends has no normal along the line. */
+static void take_found(const cr_couple_view *v, const piece_lines *l, const cr_lookup *at, int i, int between,
+                       float *phi_m, cr_lanes3 *normal) {
     cr_vec3 n = gradient_of(at, i);
     if (between) {
-        const cr_vec3 along = l->turned[i];
+        const cr_vec3 along = xform_rotate(&v->pose, l->way[i]);
         const cr_vec3 across = v3_mad(n, along, -v3_dot(n, along) / v3_dot(along, along));
         n = v3_norm(across) > 0.1f ? v3_unit(across, 0.0f) : n;
     }
     phi_m[i] = at->phi_m[i];
-    normal->x[i] = n.x;
-    normal->y[i] = n.y;
-    normal->z[i] = n.z;
+    put_place(normal, i, n);
+}
+
+static float slope_of(const cr_couple_view *v, const piece_lines *l, const cr_lookup *at, int i) {
+    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, l->way[i]));
 }
 
 uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, uint32_t asked,
-                           cr_lanes3 *place, float *phi_m, cr_lanes3 *normal) {
+                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
     piece_lines l;
     cr_lookup there;
-    float share[CR_LANES];
+    cr_lanes3 found;
+    float share[CR_LANES], phi_m[CR_LANES];
     const uint32_t leaning = begin_lines(v, c, at, asked, &l);
     uint32_t between = 0u;
+    *nearer = 0u;
     if (leaning == 0u) {
         return 0u;
     }
     for (int i = 0; i < CR_LANES; i++) {
         share[i] = 1.0f;
     }
-    look_up_at(v, c, &l, leaning, share, place, &there);
+    look_up_at(v, c, &l, leaning, share, &found, &there);
     for (uint32_t left = leaning; left != 0u;) {
         const int i = take_lane(&left);
-        const float slope = v3_dot(gradient_of(&there, i), l.turned[i]);
+        const float slope = slope_of(v, &l, &there, i);
         phi_m[i] = at->phi_m[i];
         /* Where it falls to the end of a face's piece, what is nearest is another sample's: the pieces are no rectangles. */
-        if (has_lane(c->crease_mask, i)) {
-            take_found(&l, &there, i, 0, phi_m, normal);
+        if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i]) {
+            take_found(v, &l, &there, i, 0, phi_m, normal);
+            put_place(place, i, lane_of(&found, i));
+            *nearer |= 1u << i;
         }
         l.high[i] = 1.0f;
         l.high_phi[i] = there.phi_m[i];
@@ -105,7 +118,6 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
         between |= (uint32_t)(slope > 0.0f) << i;
     }
     for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
-        cr_lanes3 found;
         for (uint32_t left = between; left != 0u;) {
             const int i = take_lane(&left);
             share[i] = meet_tangents(&l, i);
@@ -113,7 +125,7 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
         look_up_at(v, c, &l, between, share, &found, &there);
         for (uint32_t left = between; left != 0u;) {
             const int i = take_lane(&left);
-            const float slope = v3_dot(gradient_of(&there, i), l.turned[i]);
+            const float slope = slope_of(v, &l, &there, i);
             float *end = slope > 0.0f ? l.high : l.low;
             float *end_phi = slope > 0.0f ? l.high_phi : l.low_phi;
             float *end_slope = slope > 0.0f ? l.high_slope : l.low_slope;
@@ -121,12 +133,76 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
             end_phi[i] = there.phi_m[i];
             end_slope[i] = slope;
             if (there.phi_m[i] < phi_m[i]) {
-                take_found(&l, &there, i, 1, phi_m, normal);
-                place->x[i] = found.x[i];
-                place->y[i] = found.y[i];
-                place->z[i] = found.z[i];
+                take_found(v, &l, &there, i, 1, phi_m, normal);
+                put_place(place, i, lane_of(&found, i));
+                *nearer |= 1u << i;
             }
         }
     }
     return leaning;
+}
+
+/* Whether the surface is where a facet's plane is below a place: the facet may end before. */
+static int is_surface_below(cr_couple_view *v, cr_vec3 place, cr_vec3 normal, float height_m) {
+    const cr_vec3 foot = v3_mad(place, normal, -height_m);
+    cr_lanes3 p = {{0.0f}, {0.0f}, {0.0f}};
+    cr_lookup at;
+    for (int i = 0; i < CR_LANES; i++) {
+        p.x[i] = foot.x;
+        p.y[i] = foot.y;
+        p.z[i] = foot.z;
+    }
+    cr_field_look_up_lanes(v->field, &p, 1u, &at);
+    v->lookups++;
+    return abs_f(at.phi_m[0]) <= FOOT_VOXELS * v->field->scene->meta->voxel_m;
+}
+
+static void add_wall(cr_couple_walls *w, cr_vec3 normal, float gap_m) {
+    const uint32_t at = w->count++;
+    const int first = at == 0u || gap_m < w->gap_m[0];
+    w->normal[at] = first ? w->normal[0] : normal;
+    w->gap_m[at] = first ? w->gap_m[0] : gap_m;
+    if (first) {
+        w->normal[0] = normal;
+        w->gap_m[0] = gap_m;
+    }
+}
+
+/* Whether a facet meets each of those that were taken concavely. */
+static int meets_walls(const cr_scene *s, const uint32_t *taken, uint32_t count, uint32_t facet) {
+    for (uint32_t k = 0; k < count; k++) {
+        const uint32_t a = s->facets[taken[k]].patch, b = s->facets[facet].patch;
+        if (a == b || cr_pair_label(s, a, b) != (uint32_t)CR_PAIR_CONCAVE) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, cr_couple_walls *w) {
+    const cr_scene *s = v->field->scene;
+    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
+    const int exact = kind->kind == (uint32_t)CR_KIND_CONCAVE && has_lane(at->from_facet, i);
+    uint32_t taken[CR_KIND_FACETS_MAX];
+    w->count = 0u;
+    if (!exact && kind->kind != (uint32_t)CR_KIND_MIXED) {
+        return;
+    }
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
+        const cr_vec3 n = v3_from(f->normal);
+        const float height = v3_dot(n, place) - f->offset_m;
+        if (height >= v->margin_m + v->slack_m) {
+            continue;
+        }
+        if (!exact && (f->curved || height < -BEHIND_VOXELS * s->meta->voxel_m ||
+                       !meets_walls(s, taken, w->count, kind->facet[k]) || !is_surface_below(v, place, n, height))) {
+            continue;
+        }
+        taken[w->count] = kind->facet[k];
+        add_wall(w, n, height);
+    }
+    if (!exact && (w->count < 2u || abs_f(w->gap_m[0] - at->phi_m[i]) > SAME_VOXELS * s->meta->voxel_m)) {
+        w->count = 0u;
+    }
 }

@@ -34,7 +34,7 @@ typedef struct {
 void cr_replay_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, cr_replay_row *rows);
 
 /* Purpose  the same with a held tool: cr_couple_tick once for each row.
- * Output   rows: depth_m is how far the held tool's origin is from the hand's where anything presses; normal, the direction of the force; display, the held tool;
+ * Output   rows: depth_m is how far the springs are drawn along, at their centre, 0 where nothing presses; normal, the direction of the force; display, the held tool;
  *          areas and contacts, points that press; zones, contacts that were asked; nodes, lookups; points, near samples; late_ticks 1 where the held tool
  *          was not done; overflow, what was left out.   Errors, cost  as cr_replay_run. */
 void cr_replay_coupled(cr_coupled *coupled, const cr_world *world, const cr_path_row *path, size_t count,

@@ -285,6 +285,10 @@ void crs_closest(const crs_grid *grid, const crs_points *points, const int32_t *
     }
     double widest2 = 0.0;
     for (int64_t s = 0; s < grid->count; s++) {
+        if (nearest[s] < 0 && points->count > 0) { /* no points of its own: any is a guess */
+            nearest[s] = 0;
+            distance2_m2[s] = place_distance2(points->point_m, site_of(grid, s));
+        }
         widest2 = fmax(widest2, distance2_m2[s]);
     }
     for (int64_t i = 0; i < points->count; i++) {

@@ -46,7 +46,7 @@ void crs_bows(const crs_points *points, const int32_t *label, const double *site
               double *bow_m);
 
 /* Purpose  the fine point nearest to each site of a grid of width 3, of equally near ones the first.
- * Shapes   label [points->count]: a guess, each site has points; nearest, distance2_m2 [count of the grid]. */
+ * Shapes   label [points->count]: a guess; a site may have no points; nearest, distance2_m2 [count of the grid]. */
 void crs_closest(const crs_grid *grid, const crs_points *points, const int32_t *label, int64_t *nearest,
                  double *distance2_m2);
 

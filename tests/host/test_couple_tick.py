@@ -11,9 +11,11 @@ import numpy.typing as npt
 import pytest
 import trimesh
 from crease import Scene, bake, make_mesh
+from crease.base.errors import SceneError
 from crease.base.native import lib
 from crease.cli import main
-from crease.replay.replay import CoupleOptions, ReplayOptions, run_path
+from crease.replay.contacts import Watcher, find_areas, find_contacts
+from crease.replay.replay import CoupleOptions, ReplayOptions, World, run_path
 from crease.replay.trajectory import Trajectory, check_rows
 from scipy.spatial.transform import Rotation
 
@@ -104,6 +106,53 @@ def test_plate_pressed_deeper_than_it_is_thick_holds(plate: Scene, friction: flo
         assert np.linalg.norm(rows["force_N"][-1]) > 5.0
 
 
+def tip() -> Any:
+    """A pyramid on its apex, mm."""
+    base = [[x, y, 15] for x in (-3, 3) for y in (-3, 3)]
+    return mf.Manifold.hull_points(np.array([[0, 0, 0], *base], np.float64))
+
+
+def groove() -> Any:
+    """A block with a V of 90 degrees along y, mm."""
+    block = box(40, 40, 20).translate([0, 0, -10])
+    return block - box(10, 60, 10).rotate([0, 45, 0])
+
+
+def thin_corner() -> Any:
+    """A floor and a wall, 1 mm each, mm."""
+    floor = box(40, 40, 1).translate([0, 0, -0.5])
+    return floor + box(1, 40, 20).translate([0.5, 0, 9])
+
+
+def press(at_mm: tuple[F64, F64], turn: Rotation) -> Trajectory:
+    """To a place in 160 ms, and rest there."""
+    way = np.minimum(np.arange(280) / 160.0, 1.0)[:, np.newaxis]
+    at_m = 1e-3 * (at_mm[0] + way * (at_mm[1] - at_mm[0]))
+    return path_of(at_m, Rotation.from_quat(np.tile(turn.as_quat(), (len(at_m), 1))))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_tip_between_walls_is_held_by_both_and_rests(friction: float) -> None:
+    lean, level = Rotation.from_rotvec([0.0, -0.6, 0.0]), Rotation.identity()
+    options = ReplayOptions(K_T, couple=CoupleOptions(friction=friction))
+    for static, ways, turn in (
+        (groove(), [((1.0, 0.0, 2.0), (0.6, 0.0, -9.0))], level),
+        (
+            thin_corner(),
+            [((-4.0, 0.0, 2.0), (x, 0.0, z)) for x, z in ((1, -1), (2, -2), (8, -4), (4, -8))],
+            lean,
+        ),
+    ):
+        scene = scene_of(static, tip(), 2e-3, 1e-3)
+        for start, end in ways:
+            rows = run_path(scene, press((np.array(start), np.array(end)), turn), options)
+            assert not rows["faults"].any()
+            assert not rows["late_ticks"][-100:].any()
+            assert np.ptp(rows["force_N"][-100:], axis=0).max() < 0.01  # no swing
+            for row in rows[::20]:
+                assert inside_mm(static, tip(), *held_of(row)) < INSIDE_MAX_MM
+
+
 def test_cube_that_turns_on_a_plate_gets_no_energy_from_it(plate: Scene) -> None:
     a = np.linspace(0.0, 2.0 * np.pi, 2001)
     at_m = np.column_stack(
@@ -142,14 +191,61 @@ def test_replay_couple_writes_the_held_tool(
     assert answered["fz_N"][-1] == pytest.approx(K_T * (10.5e-3 - rows[-1, 3]), rel=1e-2)
     assert (answered["fz_N"][rows[:, 3] > 10.51e-3] == 0.0).all()
     assert "from the held tool" in capsys.readouterr().out
-    for more in (
-        ["--friction", "0.3"],
-        ["--stiffness-turn", "2"],
-        ["--couple", "--lookups", "64"],
-        ["--couple", "--response", "extent"],
+    for more, text in (
+        (["--friction", "0.3"], "--friction is of a held tool"),
+        (["--stiffness-turn", "2"], "--stiffness-turn is of a held tool"),
+        (["--couple", "--lookups", "64"], "--couple has no --lookups"),
+        (["--couple", "--force-max", "1"], "--couple has no --force-max"),
+        (["--couple", "--response", "extent"], "no response but its own"),
     ):
         assert main([*line, *more]) == 1
+        assert text in capsys.readouterr().err
     assert main([*line[:4], str(tmp_path / "o.mcap"), "--couple"]) == 1
+    assert "--couple runs a path" in capsys.readouterr().err
+
+
+def test_what_says_nothing_of_a_held_tool_is_refused(plate: Scene) -> None:
+    path = stroke(Rotation.identity(), 1.0)
+    for name, value in (("force_max_N", 1.0), ("lookups_max", 64), ("skip", 0)):
+        options = ReplayOptions(**{name: value}, couple=CoupleOptions())  # type: ignore[arg-type]
+        with pytest.raises(SceneError, match=f"{name}: a held tool has none"):
+            run_path(plate, path, options)
+    coupled = ReplayOptions(couple=CoupleOptions())
+    with pytest.raises(SceneError, match="runs a path"):
+        World(plate, coupled).tick([0, 0, 0.1, 1, 0, 0, 0])
+    for shows in (find_areas, find_contacts):
+        with pytest.raises(SceneError, match="the world's own answer"):
+            shows(plate, path, coupled)
+    with pytest.raises(SceneError, match="the world's own answer"):
+        Watcher(plate, coupled)
+
+
+@pytest.mark.parametrize(
+    ("setting", "text"),
+    [
+        ({"centre_tool_m": (0.0, 0.0)}, "centre_tool_m: x, y and z"),
+        ({"centre_tool_m": "abc"}, "centre_tool_m: x, y and z"),
+        ({"centre_tool_m": (0.0, 0.0, "z")}, "centre_tool_m: not a number"),
+        ({"friction": "a"}, "friction: not a number"),
+        ({"friction": None}, "friction: not a number"),
+        ({"friction": float("nan")}, "^of the held tool: friction must be in"),
+        ({"stiffness_Nm_rad": 1e9}, "^of the held tool: stiffness_Nm_rad must be in"),
+    ],
+)
+def test_bad_settings_are_told(plate: Scene, setting: dict[str, Any], text: str) -> None:
+    with pytest.raises(SceneError, match=text):
+        World(plate, ReplayOptions(couple=CoupleOptions(**setting)))
+
+
+def test_centre_may_be_an_array_and_depth_is_measured_there(plate: Scene) -> None:
+    centre: Any = np.array([0.0, 0.0, 0.03])
+    options = ReplayOptions(K_T, couple=CoupleOptions(centre_tool_m=centre))
+    rows = run_path(plate, stroke(Rotation.from_rotvec([0.3, 0.2, 0.0]), 1.0), options)
+    pressed = rows[rows["areas"] > 0]
+    assert len(pressed) > 5
+    force_N = np.linalg.norm(pressed["force_N"], axis=1)
+    assert pressed["depth_m"] == pytest.approx(force_N / K_T, rel=1e-4, abs=1e-7)
+    assert (rows["depth_m"][rows["areas"] == 0] == 0.0).all()
 
 
 def test_default_of_the_spring_is_that_of_c() -> None:

@@ -82,6 +82,16 @@ def test_points_nearest_to_middles_are_as_near_as_a_kd_tree_has_them(
     assert far == pytest.approx(cKDTree(fine.position_m).query(middle)[0], rel=1e-12, abs=1e-18)
 
 
+def test_closest_of_a_site_without_points_is_the_nearest_too(fine: FinePoints) -> None:
+    points = Gathered(fine, LIFT_M, SPACING_M)
+    label = first_cells(fine, SPACING_M)
+    middle = np.ascontiguousarray(points.means(label)[:, :3])
+    with_more = np.vstack([middle, middle[:3] + 0.1 * SPACING_M])
+    near = points.closest(with_more, label)
+    far = np.linalg.norm(fine.position_m[near] - with_more, axis=1)
+    assert far == pytest.approx(cKDTree(fine.position_m).query(with_more)[0], rel=1e-12, abs=1e-18)
+
+
 def test_sums_are_plain_sums_in_the_order_of_the_points(fine: FinePoints) -> None:
     points = Gathered(fine, LIFT_M, SPACING_M)
     label = first_cells(fine, SPACING_M)

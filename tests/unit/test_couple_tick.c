@@ -63,18 +63,35 @@ static cr_pose turned(double x, double y, double z, cr_quat rot) {
     return p;
 }
 
+/* A corner of the held cube: x and z. */
+static void corner_of(int k, double *x, double *z) {
+    const cr_quat q = out.held.rot;
+    const double v[3] = {k & 1 ? HALF_M : -HALF_M, k & 2 ? HALF_M : -HALF_M, k & 4 ? HALF_M : -HALF_M};
+    const double c[3] = {(double)q.y * v[2] - (double)q.z * v[1], (double)q.z * v[0] - (double)q.x * v[2],
+                         (double)q.x * v[1] - (double)q.y * v[0]};
+    const double w = (double)q.w;
+    *x = v[0] + 2.0 * (w * c[0] + (double)q.y * c[2] - (double)q.z * c[1]) + (double)out.held.pos_m.x;
+    *z = v[2] + 2.0 * (w * c[2] + (double)q.x * c[1] - (double)q.y * c[0]) + (double)out.held.pos_m.z;
+}
+
 /* How deep a corner of the held cube is below a box, of which z = 0 is the top and x = right the side. */
 static double deepest_corner(double right) {
-    const cr_quat q = out.held.rot;
     double deep = 0.0;
     for (int k = 0; k < 8; k++) {
-        const double v[3] = {k & 1 ? HALF_M : -HALF_M, k & 2 ? HALF_M : -HALF_M, k & 4 ? HALF_M : -HALF_M};
-        const double c[3] = {(double)q.y * v[2] - (double)q.z * v[1], (double)q.z * v[0] - (double)q.x * v[2],
-                             (double)q.x * v[1] - (double)q.y * v[0]};
-        const double w = (double)q.w;
-        const double x = v[0] + 2.0 * (w * c[0] + (double)q.y * c[2] - (double)q.z * c[1]) + (double)out.held.pos_m.x;
-        const double z = v[2] + 2.0 * (w * c[2] + (double)q.x * c[1] - (double)q.y * c[0]) + (double)out.held.pos_m.z;
+        double x, z;
+        corner_of(k, &x, &z);
         deep = fmax(deep, fmin(-z, right - x));
+    }
+    return deep;
+}
+
+/* How deep it is in a floor at z = low or in a wall at x = low, the deeper of the two. */
+static double deepest_in_corner(double low) {
+    double deep = 0.0;
+    for (int k = 0; k < 8; k++) {
+        double x, z;
+        corner_of(k, &x, &z);
+        deep = fmax(deep, fmax(low - z, low - x));
     }
     return deep;
 }
@@ -150,6 +167,101 @@ static void room_holds_a_cube_in_its_corner(void **state) {
     assert_true(fabsf(out.force_world_N.x - 2000.0f * (20e-3f - 4e-5f - 6e-3f)) < 0.1f);
 }
 
+/* One corner of the cube touches two walls at once: both hold it, and it rests. */
+static void corner_of_a_cube_rests_where_two_walls_meet(void **state) {
+    (void)state;
+    uint64_t seed = 3u;
+    for (int k = 0; k < 12; k++) {
+        const cr_quat rot = k == 0 ? crt_turn(0.0, 1.0, 0.0, PI / 4.0) : crt_random_rotation(&seed);
+        begin(k % 2 ? 0.3f : 0.0f);
+        for (int i = 0; i < 600; i++) {
+            tick(&room, turned(fmax(-4e-5 * i, -12e-3), 0.0, fmax(-4e-5 * i, -10e-3), rot));
+            assert_true(deepest_in_corner(-14e-3) < INSIDE_MAX && (double)out.inside_m < INSIDE_MAX);
+        }
+        const cr_couple_output rest = out;
+        for (int i = 0; i < 50; i++) {
+            tick(&room, turned(-12e-3, 0.0, -10e-3, rot));
+            assert_true(coupled.stats.steps <= 2u && (double)coupled.stats.left_m == 0.0);
+        }
+        assert_true(fabsf(out.force_world_N.x - rest.force_world_N.x) < 2e-3f);
+        assert_true(fabsf(out.force_world_N.z - rest.force_world_N.z) < 2e-3f);
+        assert_true(out.force_world_N.x > 1.0f && out.force_world_N.z > 1.0f);
+    }
+}
+
+/* A tool of one point above another: each of its own, and nothing else to hold it. */
+static crt_tool make_needle(void) {
+    crt_tool needle = crt_tool_new(1e-3);
+    needle.samples = calloc(2u, sizeof *needle.samples);
+    needle.start = realloc(needle.start, 2u * sizeof *needle.start);
+    assert_true(needle.samples != NULL && needle.start != NULL);
+    for (int k = 0; k < 2; k++) {
+        crt_sample *s = &needle.samples[k];
+        s->pos_m[2] = 10e-3 * k;
+        s->normal[2] = k ? 1.0 : -1.0;
+        s->u[0] = s->v[1] = 1.0;
+        s->area_m2 = 1e-9;
+        s->vertex = 1;
+    }
+    needle.sample_count = needle.start[1] = 2u;
+    needle.cluster_count = 1u;
+    return needle;
+}
+
+static void point_in_a_groove_and_in_a_corner_is_held_by_all_walls(void **state) {
+    (void)state;
+    const crt_solid walls = crt_room(-14e-3, 20e-3, 14e-3, -14e-3, 20e-3);
+    crt_tool needle = make_needle();
+    crt_rig rig;
+    crt_open(&rig, &walls, &needle, VOXEL_M, NULL);
+    for (int k = 0; k < 8; k++) {
+        const double lean = 0.1 * (k % 4), y = k < 4 ? 0.0 : -15.5e-3; /* into the third wall too */
+        begin(0.0f);
+        for (int i = 0; i <= 500; i++) {
+            const double s = fmin(1.0, i / 400.0);
+            tick(&rig, turned(-16e-3 * s, y * s, -17e-3 * s, crt_turn(0.0, 1.0, 0.0, lean)));
+            const cr_vec3 at = out.held.pos_m;
+            assert_true((double)at.x > -14e-3 - INSIDE_MAX && (double)at.z > -14e-3 - INSIDE_MAX);
+            assert_true((double)at.y > -14e-3 - INSIDE_MAX && coupled.stats.steps < CR_COUPLE_STEPS_MAX);
+        }
+        assert_true(out.pressing >= (k < 4 ? 2u : 3u));
+        assert_true((double)coupled.stats.left_m == 0.0 && coupled.stats.steps == 1u);
+    }
+    crt_close(&rig);
+    crt_tool_free(&needle);
+}
+
+/* The springs' centre is far off the tool: where a turn is cut short, the tool still stays on its side. */
+static void turn_about_a_far_centre_passes_no_plate(void **state) {
+    (void)state;
+    for (int k = 0; k < 12; k++) {
+        cr_couple_config c = cr_couple_config_default();
+        c.centre_tool_m.z = k < 6 ? 50e-3f : 100e-3f;
+        assert_int_equal(cr_coupled_init(&coupled, &c), CR_OK);
+        for (int i = 0; i < 30; i++) {
+            const double angle = i < 3 ? 0.0 : 0.5 + 0.1 * (k % 6);
+            tick(&plate, turned(0.0, 0.0, HALF_M + 6e-3, crt_turn(0.0, 1.0, 0.0, angle)));
+            assert_true(deepest_corner(1.0) < INSIDE_MAX);
+        }
+        assert_true((double)coupled.stats.left_m == 0.0);
+    }
+}
+
+/* What is not done is told: a hand far off, and nothing between. */
+static void tick_tells_how_far_it_did_not_come(void **state) {
+    (void)state;
+    begin(0.0f);
+    tick(&wall, crt_pose(0.0, 0.0, HALF_M + 1e-4));
+    double left_m = 30e-3;
+    for (int i = 0; i < 40 && left_m > 0.0; i++) {
+        tick(&wall, crt_pose(30e-3, 0.0, HALF_M + 1e-4));
+        const double to_go_m = 30e-3 - (double)out.held.pos_m.x;
+        left_m = (double)coupled.stats.left_m;
+        assert_true(to_go_m < 1e-6 || left_m > 0.0);
+    }
+    assert_true((double)out.held.pos_m.x > 30e-3 - 1e-6 && left_m == 0.0);
+}
+
 static void friction_holds_on_a_wall_without_creep(void **state) {
     (void)state;
     begin(0.3f);
@@ -180,7 +292,7 @@ static void hand_that_begins_inside_is_led_out(void **state) {
     assert_true(deepest_corner(1.0) < INSIDE_MAX && fabsf(out.force_world_N.z - 6.0f) < 0.05f);
 }
 
-/* Contacts that contradict each other, more than there may be: an answer, and out once the hand is. */
+/* Contacts that contradict each other, more than there may be: an answer, a number. */
 static void hand_that_begins_across_a_plate_gets_an_answer(void **state) {
     (void)state;
     uint64_t seed = 5u;
@@ -254,6 +366,10 @@ int main(void) {
         cmocka_unit_test(edge_holds_a_cube_that_turns_over_it),
         cmocka_unit_test(edge_between_samples_is_felt_where_it_touches),
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
+        cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
+        cmocka_unit_test(point_in_a_groove_and_in_a_corner_is_held_by_all_walls),
+        cmocka_unit_test(turn_about_a_far_centre_passes_no_plate),
+        cmocka_unit_test(tick_tells_how_far_it_did_not_come),
         cmocka_unit_test(friction_holds_on_a_wall_without_creep),
         cmocka_unit_test(hand_that_begins_inside_is_led_out),
         cmocka_unit_test(hand_that_begins_across_a_plate_gets_an_answer),

@@ -14,7 +14,7 @@ from crease.base.errors import SceneError
 from crease.base.native import ffi, lib
 from crease.base.records import record
 from crease.base.scene import Scene
-from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, World
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, World, refuse_coupled
 from crease.replay.trajectory import Trajectory
 
 CHANGE, ZONE, TICK = record("crv_change"), record("crv_zone"), record("crv_tick")
@@ -59,6 +59,7 @@ class Areas:
 
 def find_areas(scene: Scene, path: Trajectory, options: ReplayOptions) -> Areas:
     """Where a path touches, and the force that each area gives.   Errors: SceneError.   Cost: that of the ticks."""
+    refuse_coupled(options, "a list of areas")
     world = World(scene, options)
     ffi, lib = world.native.ffi, world.native.lib
     counts = np.zeros(len(path), np.uint32)
@@ -96,6 +97,7 @@ def _clusters(scene: Scene) -> npt.NDArray[Any]:
 
 def parted_as(options: ReplayOptions) -> ReplayOptions:
     """Whose areas and zones a response is shown with: the way out has its own, rivals those of extent."""
+    refuse_coupled(options, "a list of areas and zones")
     if options.response == DEFAULT_RESPONSE:
         return ReplayOptions()
     return ReplayOptions(response="extent", coverage=options.coverage)
@@ -157,6 +159,7 @@ class Watcher:
     """What a tool touches, pose by pose, for a picture of a loop that runs elsewhere.   Errors: SceneError."""
 
     def __init__(self, scene: Scene, options: ReplayOptions) -> None:
+        refuse_coupled(options, "a picture of what is touched")
         self._scene = scene
         self._worlds = World(scene, options), World(scene, options)
         self._watch = _watch(self._worlds[0])

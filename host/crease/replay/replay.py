@@ -71,7 +71,7 @@ class ReplayOptions:
     vertices_only: bool = False
     lookups_max: int | None = None
     couple: CoupleOptions | None = None
-    """Not None: the tool is held outside, and the spring to it is what is felt."""
+    """Not None: the tool is held outside, and the spring to it is felt. It has no force_max_N, skip and lookups_max."""
 
 
 def make_config(options: ReplayOptions) -> Any:
@@ -101,21 +101,51 @@ def make_config(options: ReplayOptions) -> Any:
     return config
 
 
-def make_coupled(source: str, options: ReplayOptions) -> Any:
-    """A cffi `cr_coupled *` that holds no tool yet.   Errors: SceneError for a setting out of range, or a rival."""
+def refuse_coupled(options: ReplayOptions, what: str) -> None:
+    """Errors: SceneError for options of a held tool, where only the world's own answer can be had."""
+    if options.couple is not None:
+        raise SceneError(f"couple: {what} shows the world's own answer; leave it out")
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise SceneError(f"{name}: not a number: {value!r}") from None
+
+
+def _refuse_of_world(options: ReplayOptions) -> None:
+    """Errors: SceneError for settings that say nothing of a held tool."""
     if options.response != DEFAULT_RESPONSE:
         raise SceneError(f"response {options.response}: a held tool has no response but its own")
+    for name in ("force_max_N", "lookups_max", "skip"):
+        if getattr(options, name) is not None:
+            raise SceneError(f"{name}: a held tool has none; leave it out")
+
+
+def make_coupled(options: ReplayOptions) -> Any:
+    """A cffi `cr_coupled *` that holds no tool yet.
+
+    Errors: SceneError for a setting out of range or no number, for a rival, and for settings of the world's answer.
+    """
+    _refuse_of_world(options)
     couple = options.couple or CoupleOptions()
+    centre = np.asarray(couple.centre_tool_m, dtype=object)
+    if centre.shape != (3,):
+        raise SceneError(f"centre_tool_m: x, y and z in m, not {couple.centre_tool_m!r}")
     config = ffi.new("cr_couple_config *", lib.cr_couple_config_default())
-    config.stiffness_N_m = options.stiffness_N_m
-    config.damping_Ns_m = options.damping_Ns_m
-    config.stiffness_Nm_rad = couple.stiffness_Nm_rad
-    config.damping_Nms_rad = couple.damping_Nms_rad
-    config.friction = couple.friction
-    config.centre_tool_m = couple.centre_tool_m
+    for of, name in (
+        (options, "stiffness_N_m"),
+        (options, "damping_Ns_m"),
+        (couple, "stiffness_Nm_rad"),
+        (couple, "damping_Nms_rad"),
+        (couple, "friction"),
+    ):
+        setattr(config, name, _number(name, getattr(of, name)))
+    config.centre_tool_m = tuple(_number("centre_tool_m", value) for value in centre)
     wrong = lib.cr_couple_config_error(config)
     if wrong:
-        raise SceneError(f"{source}: {ffi.string(wrong).decode()}")
+        raise SceneError(f"of the held tool: {ffi.string(wrong).decode()}")
     coupled = ffi.new("cr_coupled *")
     lib.cr_coupled_init(coupled, config)
     return coupled
@@ -140,7 +170,7 @@ class World:
             raise SceneError(f"{scene.source}: a world setting is out of range: {text}")
         self._memory = np.zeros(self.size_bytes + _ALIGN, dtype=np.uint8)
         self._handle: Any = None
-        self._couple = make_coupled(scene.source, options) if options and options.couple else None
+        self._couple = make_coupled(options) if options and options.couple else None
         self.reset()
 
     @property
@@ -162,11 +192,14 @@ class World:
             lib.cr_coupled_reset(self._couple)
 
     def tick(self, pose: npt.ArrayLike, period_s: float = 1e-3) -> Any:
-        """One tick.
+        """One tick of the world's own answer.
 
+        Errors: SceneError for a world with a held tool: that runs a path.
         Shapes: pose (7,): x y z in m, unit quaternion w x y z.
         Output: a cffi `cr_output *` of `native`, owned by the caller.
         """
+        if self._couple is not None:
+            raise SceneError("couple: a world with a held tool runs a path: run")
         x, y, z, w, i, j, k = np.asarray(pose, dtype=np.float64).tolist()
         new = self.native.ffi.new
         out = new("cr_output *")

@@ -124,7 +124,7 @@ def add_parser(sub: SubParsers) -> None:
         "--couple",
         action="store_true",
         help="hold the tool outside the mock-up, tied to the hand by a spring in six degrees of freedom, which is what "
-        "is felt: --stiffness and --damping are the spring's",
+        "is felt: --stiffness and --damping are the spring's, and its force has no limit",
     )
     parser.add_argument(
         "--friction",
