@@ -177,7 +177,10 @@ static void make_share(const cr_scene *s, cr_couple *couple, const cr_pose *from
 }
 
 static tool_motion share_of_motion(const tool_motion *m, float share) {
-    const tool_motion part = {v3_scale(m->middle_m, share), v3_scale(m->turn_rad, share), share * m->most_m};
+    tool_motion part;
+    part.middle_m = v3_scale(m->middle_m, share);
+    part.turn_rad = v3_scale(m->turn_rad, share);
+    part.most_m = share * m->most_m;
     return part;
 }
 
