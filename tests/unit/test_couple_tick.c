@@ -208,14 +208,31 @@ static crt_tool make_needle(void) {
     return needle;
 }
 
+/* Cells of several facets become mixed, and no brick has planes that hold in all of it. */
+static void forget_planes(crt_rig *rig) {
+    struct cr_img_kind *kind = crt_section(rig->image, CR_SEC_KINDS);
+    struct cr_img_brick *brick = crt_section(rig->image, CR_SEC_BRICKS);
+    for (uint32_t i = 0; i < rig->scene.kind_count; i++) {
+        kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
+    }
+    for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
+        brick[i].creased = 0u;
+        brick[i].planes = 0u;
+    }
+}
+
+/* Also where the cell does not say how its facets meet: their pairs do. */
 static void point_in_a_groove_and_in_a_corner_is_held_by_all_walls(void **state) {
     (void)state;
     const crt_solid walls = crt_room(-14e-3, 20e-3, 14e-3, -14e-3, 20e-3);
     crt_tool needle = make_needle();
-    crt_rig rig;
-    crt_open(&rig, &walls, &needle, VOXEL_M, NULL);
-    for (int k = 0; k < 8; k++) {
-        const double lean = 0.1 * (k % 4), y = k < 4 ? 0.0 : -15.5e-3; /* into the third wall too */
+    for (int k = 0; k < 16; k++) {
+        const double lean = 0.1 * (k % 4), y = k % 8 < 4 ? 0.0 : -15.5e-3; /* into the third wall too */
+        crt_rig rig;
+        crt_open(&rig, &walls, &needle, VOXEL_M, NULL);
+        if (k >= 8) {
+            forget_planes(&rig);
+        }
         begin(0.0f);
         for (int i = 0; i <= 500; i++) {
             const double s = fmin(1.0, i / 400.0);
@@ -224,11 +241,30 @@ static void point_in_a_groove_and_in_a_corner_is_held_by_all_walls(void **state)
             assert_true((double)at.x > -14e-3 - INSIDE_MAX && (double)at.z > -14e-3 - INSIDE_MAX);
             assert_true((double)at.y > -14e-3 - INSIDE_MAX && coupled.stats.steps < CR_COUPLE_STEPS_MAX);
         }
-        assert_true(out.pressing >= (k < 4 ? 2u : 3u));
+        assert_true(out.pressing >= (k % 8 < 4 ? 2u : 3u));
         assert_true((double)coupled.stats.left_m == 0.0 && coupled.stats.steps == 1u);
+        crt_close(&rig);
     }
-    crt_close(&rig);
     crt_tool_free(&needle);
+}
+
+/* A field that is zero everywhere has no direction: what tells no way out is left out, and told. */
+static void sample_without_a_way_out_is_left_out(void **state) {
+    (void)state;
+    const crt_solid w = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    const cr_pose hand = crt_pose(0.0, 0.0, HALF_M - 1e-4);
+    crt_rig flat;
+    crt_open_cube(&flat, &w, HALF_M, 1e-3, VOXEL_M);
+    forget_planes(&flat);
+    int16_t *samples = crt_section(flat.image, CR_SEC_SAMPLES);
+    for (uint32_t i = 0; i < flat.scene.sample_count; i++) {
+        samples[i] = 0;
+    }
+    begin(0.0f);
+    cr_couple_tick(&coupled, flat.world, &hand, PERIOD_S, &out);
+    assert_true(out.faults == 0u && isfinite((double)v3_norm(out.force_world_N)));
+    assert_true(coupled.stats.dropped > 0u);
+    crt_close(&flat);
 }
 
 /* The springs' centre is far off the tool: where a turn is cut short, the tool still stays on its side. */
@@ -368,6 +404,7 @@ int main(void) {
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
         cmocka_unit_test(point_in_a_groove_and_in_a_corner_is_held_by_all_walls),
+        cmocka_unit_test(sample_without_a_way_out_is_left_out),
         cmocka_unit_test(turn_about_a_far_centre_passes_no_plate),
         cmocka_unit_test(tick_tells_how_far_it_did_not_come),
         cmocka_unit_test(friction_holds_on_a_wall_without_creep),
