@@ -248,6 +248,25 @@ static void point_in_a_groove_and_in_a_corner_is_held_by_all_walls(void **state)
     crt_tool_free(&needle);
 }
 
+/* Facets that meet convexly are no walls of a groove, though one cell sees both: the distance holds a point over the edge. */
+static void point_over_an_edge_of_a_mixed_cell_is_held_by_the_distance(void **state) {
+    (void)state;
+    const crt_solid e = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    crt_tool needle = make_needle();
+    crt_rig rig;
+    crt_open(&rig, &e, &needle, VOXEL_M, NULL);
+    forget_planes(&rig);
+    begin(0.0f);
+    for (int i = 0; i <= 100; i++) {
+        tick(&rig, crt_pose(-0.5e-3, 0.0, 3e-3 - 4e-5 * i));
+        const cr_vec3 at = out.held.pos_m;
+        assert_true(fmax((double)at.x, (double)at.z) > -0.25 * VOXEL_M);
+    }
+    assert_true(out.pressing == 1u && out.force_world_N.z > 0.5f);
+    crt_close(&rig);
+    crt_tool_free(&needle);
+}
+
 /* A field that is zero everywhere has no direction: what tells no way out is left out, and told. */
 static void sample_without_a_way_out_is_left_out(void **state) {
     (void)state;
@@ -404,6 +423,7 @@ int main(void) {
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
         cmocka_unit_test(point_in_a_groove_and_in_a_corner_is_held_by_all_walls),
+        cmocka_unit_test(point_over_an_edge_of_a_mixed_cell_is_held_by_the_distance),
         cmocka_unit_test(sample_without_a_way_out_is_left_out),
         cmocka_unit_test(turn_about_a_far_centre_passes_no_plate),
         cmocka_unit_test(tick_tells_how_far_it_did_not_come),
