@@ -183,7 +183,7 @@ void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3
     const cr_scene *s = v->field->scene;
     const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
     const int exact = kind->kind == (uint32_t)CR_KIND_CONCAVE && has_lane(at->from_facet, i);
-    uint32_t taken[CR_KIND_FACETS_MAX];
+    uint32_t taken[CR_KIND_FACETS_MAX] = {0u};
     w->count = 0u;
     if (!exact && kind->kind != (uint32_t)CR_KIND_MIXED) {
         return;
