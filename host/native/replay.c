@@ -1,6 +1,6 @@
 #include "replay.h"
 
-#include "replay/rows.h"
+#include "replay_rows.h"
 
 #include <string.h>
 
