@@ -121,8 +121,8 @@ def read_junit(report: Path, status: int) -> Count:
 BESIDE = ("tests/host/test_readme.py", "tests/host/test_wheel.py")
 """Of tests/host, run with all others, so that both processors are done at the same time."""
 
-WAITING = ("tests/host/test_creased.py", "tests/host/test_live.py")
-"""Tests that mostly wait for a loop of their own: beside both."""
+WAITING = ("tests/host/test_live.py",)
+"""Tests that mostly wait: beside both."""
 
 
 def run_all_pytest(select: str, hil: Callable[[], Count] | None) -> Count:
