@@ -99,6 +99,8 @@ void crt_mark_planes(crt_rig *rig);
 void crt_close(crt_rig *rig);
 /* Purpose  back to the state before the first tick, with these settings. */
 void crt_restart(crt_rig *rig, const cr_config *config);
+/* Purpose  cells of several facets become mixed, and no brick has planes that hold in all of it. Neither sealed nor opened anew. */
+void crt_forget_planes(crt_rig *rig);
 
 /* Purpose  a cube about the tool's origin, kept apart from a block with an edge along y by a plane through it: no force at all, whatever the attitude. */
 void crt_check_free(const crt_rig *rig, double half_m, const cr_config *config);

@@ -12,6 +12,18 @@
 
 #include <cmocka.h>
 
+void crt_forget_planes(crt_rig *rig) {
+    struct cr_img_kind *kind = crt_section(rig->image, CR_SEC_KINDS);
+    struct cr_img_brick *brick = crt_section(rig->image, CR_SEC_BRICKS);
+    for (uint32_t i = 0; i < rig->scene.kind_count; i++) {
+        kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
+    }
+    for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
+        brick[i].creased = 0u;
+        brick[i].planes = 0u;
+    }
+}
+
 void crt_restart(crt_rig *rig, const cr_config *config) {
     cr_config defaults = cr_config_default();
     const cr_config *c = config != NULL ? config : &defaults;

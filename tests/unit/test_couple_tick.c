@@ -208,19 +208,6 @@ static crt_tool make_needle(void) {
     return needle;
 }
 
-/* Cells of several facets become mixed, and no brick has planes that hold in all of it. */
-static void forget_planes(crt_rig *rig) {
-    struct cr_img_kind *kind = crt_section(rig->image, CR_SEC_KINDS);
-    struct cr_img_brick *brick = crt_section(rig->image, CR_SEC_BRICKS);
-    for (uint32_t i = 0; i < rig->scene.kind_count; i++) {
-        kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
-    }
-    for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
-        brick[i].creased = 0u;
-        brick[i].planes = 0u;
-    }
-}
-
 /* Also where the cell does not say how its facets meet: their pairs do. */
 static void point_in_a_groove_and_in_a_corner_is_held_by_all_walls(void **state) {
     (void)state;
@@ -231,7 +218,7 @@ static void point_in_a_groove_and_in_a_corner_is_held_by_all_walls(void **state)
         crt_rig rig;
         crt_open(&rig, &walls, &needle, VOXEL_M, NULL);
         if (k >= 8) {
-            forget_planes(&rig);
+            crt_forget_planes(&rig);
         }
         begin(0.0f);
         for (int i = 0; i <= 500; i++) {
@@ -255,7 +242,7 @@ static void point_over_an_edge_of_a_mixed_cell_is_held_by_the_distance(void **st
     crt_tool needle = make_needle();
     crt_rig rig;
     crt_open(&rig, &e, &needle, VOXEL_M, NULL);
-    forget_planes(&rig);
+    crt_forget_planes(&rig);
     begin(0.0f);
     for (int i = 0; i <= 100; i++) {
         tick(&rig, crt_pose(-0.5e-3, 0.0, 3e-3 - 4e-5 * i));
@@ -274,7 +261,7 @@ static void sample_without_a_way_out_is_left_out(void **state) {
     const cr_pose hand = crt_pose(0.0, 0.0, HALF_M - 1e-4);
     crt_rig flat;
     crt_open_cube(&flat, &w, HALF_M, 1e-3, VOXEL_M);
-    forget_planes(&flat);
+    crt_forget_planes(&flat);
     int16_t *samples = crt_section(flat.image, CR_SEC_SAMPLES);
     for (uint32_t i = 0; i < flat.scene.sample_count; i++) {
         samples[i] = 0;

@@ -264,19 +264,6 @@ static void surfaces_without_labels_go_by_where_they_lie(void **state) {
     }
 }
 
-/* Cells of several facets become mixed, and no brick has planes that hold in all of it. */
-static void forget_planes(crt_rig *rig) {
-    struct cr_img_kind *kind = crt_section(rig->image, CR_SEC_KINDS);
-    struct cr_img_brick *brick = crt_section(rig->image, CR_SEC_BRICKS);
-    for (uint32_t i = 0; i < rig->scene.kind_count; i++) {
-        kind[i].kind = kind[i].count > 1u ? (uint32_t)CR_KIND_MIXED : kind[i].kind;
-    }
-    for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
-        brick[i].creased = 0u;
-        brick[i].planes = 0u;
-    }
-}
-
 /* Cells of several facets whose planes do not give the distance: each sample counts for those that explain it. */
 static void mixed_cells_answer_as_their_planes_do(void **state) {
     (void)state;
@@ -286,7 +273,7 @@ static void mixed_cells_answer_as_their_planes_do(void **state) {
         crt_rig planes, mixed;
         open_cube(&planes, &solids[s]);
         open_cube(&mixed, &solids[s]);
-        forget_planes(&mixed);
+        crt_forget_planes(&mixed);
         reopen(&mixed, &config);
         press_anyhow(&mixed, &solids[s], 20e-3, 5u);
         const cr_pose over = crt_pose(-4e-3, 0.0, HALF_M - 1e-3);
@@ -332,7 +319,7 @@ static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
         open_cube(&rig, &solids[s]);
         struct cr_img_brick *brick = crt_section(rig.image, CR_SEC_BRICKS);
         struct cr_img_facet *facet = crt_section(rig.image, CR_SEC_FACETS);
-        forget_planes(&rig);
+        crt_forget_planes(&rig);
         for (uint32_t i = 0; i < rig.scene.facet_count; i++) {
             facet[i].curved = 1u;
         }
