@@ -22,7 +22,9 @@ def main() -> int:
     from crease.base.errors import CreaseError
 
     try:
-        from crease.cli import run_line
+        from crease.cli import parser_for, run_line
+
+        parser = parser_for(sys.argv[1:])
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -30,7 +32,7 @@ def main() -> int:
         if heard:
             signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return run_line()
+        return run_line(parser=parser)
     except KeyboardInterrupt:
         # What was begun is taken away. The interpreter's own end would wait for threads, and crash in a library
         # that was interrupted as it loaded.

@@ -9,47 +9,44 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from crease.base.errors import CreaseError
 from crease.base.settings import command_line
 from crease.base.version import VERSION
-from crease.verbs import (
-    bake,
-    bench,
-    bus,
-    check,
-    experiment,
-    export,
-    hil,
-    info,
-    plot,
-    replay,
-    sim,
-    stress,
-    view,
-)
 
-VERBS = (check, bake, info, replay, plot, view, export, experiment, bench, stress, sim, bus, hil)
+VERBS = (
+    *("check", "bake", "info", "replay", "plot", "view", "export"),
+    *("experiment", "bench", "stress", "sim", "bus", "hil"),
+)
 """In the order of the work: what `crease --help` lists."""
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of the whole command line."""
+def make_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
+    """The parser of the whole command line, or of some verbs: what the others need is not loaded."""
     parser = argparse.ArgumentParser(
         prog="crease",
         description="Stable haptic contact between a rigid tool and a rigid mock-up.",
     )
     parser.add_argument("--version", action="version", version=f"crease {VERSION}")
     sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
-    for verb in VERBS:
-        verb.add_parser(sub)
+    for verb in verbs:
+        import_module(f"crease.verbs.{verb}").add_parser(sub)
     return parser
 
 
-def run_line(argv: Sequence[str] | None = None) -> int:
+def parser_for(words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser that a command line of these words needs."""
+    return make_parser(words[:1] if words and words[0] in VERBS else VERBS)
+
+
+def run_line(
+    argv: Sequence[str] | None = None, parser: argparse.ArgumentParser | None = None
+) -> int:
     """Run one command line and give its exit status.   Errors: KeyboardInterrupt."""
+    words = sys.argv[1:] if argv is None else argv
     try:
-        args = make_parser().parse_args(argv)
+        args = (parser or parser_for(words)).parse_args(words)
         with command_line():
             args.run(args)
     except CreaseError as error:
