@@ -118,31 +118,35 @@ def read_junit(report: Path, status: int) -> Count:
     return Count(max(tests - failed, 0), failed)
 
 
-BESIDE = ("tests/host/test_readme.py", "tests/host/test_wheel.py")
-"""Of tests/host, run with all others, so that both processors are done at the same time."""
-
-WAITING = ("tests/host/test_live.py",)
-"""Tests that mostly wait: beside both."""
+BESIDE = (
+    *("tests/host/test_live.py", "tests/host/test_readme.py", "tests/host/test_wheel.py"),
+    *(
+        "tests/host/test_experiment.py",
+        "tests/host/test_stress.py",
+        "tests/host/test_bake_limits.py",
+    ),
+)
+"""Of tests/host, run beside the rest of it and all others: some of it waits, and processors are never idle for that."""
 
 
 def run_all_pytest(select: str, hil: Callable[[], Count] | None) -> Count:
-    """Every pytest of the tree: a processor for tests/host, one for all others, what waits beside them, and `hil`.
+    """Every pytest of the tree, in three rows beside each other and beside `hil`.
 
     Those that are marked `quiet` come last, with nothing beside them.
     """
     kept = ["-m", f"not quiet{select}"]
-    apart = [f"--ignore={path}" for path in (*BESIDE, *WAITING)]
+    apart = [f"--ignore={path}" for path in BESIDE]
     folders = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
     others = [folder for folder in dict.fromkeys(folders) if folder != "tests/host"]
     jobs: list[Callable[[], Count]] = [
         partial(run_pytest, [*kept, *apart], ["tests/host"], "pytest-host"),
-        partial(run_pytest, kept, [*others, *BESIDE], "pytest-others", keep=True),
-        partial(run_pytest, kept, WAITING, "pytest-waiting", keep=True),
+        partial(run_pytest, kept, others, "pytest-others", keep=True),
+        partial(run_pytest, kept, BESIDE, "pytest-beside", keep=True),
         *([hil] if hil else []),
     ]
-    with ThreadPoolExecutor(3) as pool:
+    with ThreadPoolExecutor(len(jobs)) as pool:
         count = sum(pool.map(call, jobs), Count())
-    for name in ("pytest-others", "pytest-waiting", *([HIL] if hil else [])):
+    for name in ("pytest-others", "pytest-beside", *([HIL] if hil else [])):
         print((ROOT / "build" / f"{name}.log").read_text(errors="replace"), flush=True)
     return count + run_pytest(["-m", f"quiet{select}"], ["tests"], "pytest-quiet")
 
