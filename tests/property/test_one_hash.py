@@ -26,7 +26,7 @@ RIVALS = (
 """Most rivals count samples themselves, the same way under both coverages: one is enough."""
 BUILDS = [
     *(f"{cc} {level}" for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2", "-O3")),
-    "gcc -O3 -march=native",
+    "gcc -O3 -march=native -fno-trapping-math",
     "clang -O3 -march=native",
     "gcc -O2 -DCR_SCALAR=1",
     "gcc -O2 -DCR_ASSERTS=1",
