@@ -389,7 +389,8 @@ stress: build/.host ## 100,000 random cases against the tick, resumable: build/s
 	$(if $(QUICK),rm -rf $(OUT)/stress; )$(CREASE) stress -o $(OUT)/stress $(if $(QUICK),--cases 6 --per-chunk 6 --scenes 1 \
 	    || grep -q '"cases": 6' $(OUT)/stress/summary.json)
 
-bench-loop: build/.develop build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 4 minutes
+bench-loop: build/.develop build/scenes/.stamp ## stability of the closed loop: theory, round an edge and a corner, largest stiffness; 9 minutes
+	$(PY) tests/bench/loop_held.py $(if $(QUICK),--quick)
 	$(PY) tests/bench/loop.py --figure $(OUT)/loop/edge.png $(if $(QUICK),--quick)
 
 bench-faults: build/.develop build/scenes/.stamp ## every bus fault at every 50th tick of a contact: fault x outcome, 4 minutes

@@ -166,6 +166,67 @@ void cr_coupled_reset(cr_coupled *coupled);
 void cr_couple_tick(cr_coupled *coupled, const cr_world *world, const cr_pose *world_from_tool, float period_s,
                     cr_couple_output *out);
 
+/* ------------------------------------------------------------------------------------------- passivity of a loop
+ *
+ * A spring is passive; sampled, held over a period and felt late it is not. What the wrench gave to the hand is counted along and about all axes, and where it
+ * is more than it took, damping takes the rest back [Hannaford, Ryu 2002]. As long as it took more, the wrench is the coupling's to the bit. */
+
+/* Periods from the sample that a wrench was computed from to the one after which it acts, at most. */
+#define CR_COUPLE_DELAY_MAX 7u
+typedef struct {
+    float reach_m;          /* a turn of 1 rad counts as so much, 1e-4..1e2: sqrt(k_r / k_t) makes both springs alike */
+    float damping_max_Ns_m; /* of the controller, along the wrench, 0..1e4; 0: it counts only */
+    float own_damping_Ns_m; /* 0..1e3: viscous friction of the device that burns an excess, less than any axis has */
+    float own_damping_Nms_rad; /* 0..10, the same of its wrist */
+    float force_max_N;         /* 1e-6..1e6, on |force|; force and torque keep their ratio */
+    float torque_max_Nm;       /* 1e-6..1e6, on |torque| */
+    uint32_t delay_ticks; /* 0..CR_COUPLE_DELAY_MAX; 0: a wrench acts from its own sample on, 1: from the next one on */
+} cr_couple_passivity_config;
+
+enum {
+    CR_COUPLE_LIMIT_FORCE = 1u,
+    CR_COUPLE_LIMIT_TORQUE = 2u,
+    CR_COUPLE_LIMIT_PASSIVITY = 4u /* the controller changed the wrench */
+};
+
+typedef struct {
+    cr_vec3 force_world_N;   /* on the hand's tool */
+    cr_vec3 torque_world_Nm; /* about its origin */
+    float energy_J;  /* given to the hand since the contact began, less what friction burnt of it; above 0: active */
+    uint32_t limits; /* CR_COUPLE_LIMIT_*: what changed the wrench in this tick */
+    uint32_t faults; /* latched: as of cr_couple_output */
+} cr_couple_wrench;
+
+/* The caller's memory, the library's to write. Six numbers are along X, Y, Z, then about them. */
+typedef struct {
+    cr_couple_passivity_config config;
+    cr_pose before;                          /* the last sample */
+    float rate[6];                           /* of the hand's tool, smoothed: m/s, rad/s */
+    float sent[CR_COUPLE_DELAY_MAX + 1u][6]; /* wrenches, a ring: N, N m */
+    float energy_J;
+    uint32_t head, begun, free_ticks, faults;
+} cr_couple_passivity;
+
+/* Purpose  reach of the default coupling, 10 N s/m, no friction counted on, 20 N and 1 N m, one period late. */
+cr_couple_passivity_config cr_couple_passivity_config_default(void);
+
+/* Purpose  what is wrong with settings: the member and what it may hold.   Output  null when nothing is. */
+const char *cr_couple_passivity_config_error(const cr_couple_passivity_config *config);
+
+/* Purpose  begin: nothing was sent.   Errors  NULL, CONFIG: nothing written. */
+cr_err cr_couple_passivity_init(cr_couple_passivity *passivity, const cr_couple_passivity_config *config);
+
+/* Purpose  forget motion, energy and faults; the settings stay. */
+void cr_couple_passivity_reset(cr_couple_passivity *passivity);
+
+/* Purpose  one period: the wrench to send, from the pose that was sampled and what the coupling feels there.
+ * Units    period_s in (0, 1], from the last sample to this one.
+ * Output   finite, within the limits; felt to the bit while energy_J is not above 0 and no limit holds. Zero with faults, latched until a
+ *          reset: those of felt, which has checked the pose; a period out of range; what is no number.
+ * Errors   none: see faults.   Cost  a few hundred instructions. */
+void cr_couple_passivity_step(cr_couple_passivity *passivity, const cr_pose *world_from_tool, float period_s,
+                              const cr_couple_output *felt, cr_couple_wrench *out);
+
 #ifdef __cplusplus
 }
 #endif

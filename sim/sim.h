@@ -110,6 +110,44 @@ void cr_mech_read(const cr_mech *mech, cr_sim_state *state);
  *          had at most in the first tenth.   Units  N/m or N m/rad; m or rad. */
 void cr_mech_wall(cr_mech *mech, uint32_t axis, double stiffness, double *samples, size_t count);
 
+/* ----------------------------------------------------------------------------------------------------------- motored wrist */
+
+/* Three motors on the wrist's axes (yaw, pitch, roll) and the hand that turns them. Beside the bus: its own controller has its encoders and
+ * torques with each SYNC. Each axis is a mass on its own: what one turns of the others is left out. */
+typedef struct {
+    double inertia_kgm2[3];    /* motor and handle, 1e-6..10 */
+    double viscous_Nms_rad[3]; /* 0..10 */
+    double coulomb_Nm[3];      /* 0..10 */
+    double torque_max_Nm[3];   /* 0..100 */
+    double step_rad;           /* of the encoders, 0..0.1; 0: no quantisation */
+    double hand_inertia_kgm2, hand_damping_Nms_rad, hand_stiffness_Nm_rad; /* 0..10, 0..10, 0..1e3 */
+    double path_Hz;             /* the hand follows its target through a second-order low-pass, 0.1..1e3 */
+    double period_s;            /* 1e-4..0.1 */
+    uint32_t substeps, padding; /* of one period, 1..1000 */
+} cr_sim_wrist_params;
+
+typedef struct {
+    cr_sim_wrist_params p;
+    double angle_rad[3], rate_rad_s[3];
+    double path_rad[3], path_rad_s[3]; /* the target after the low-pass */
+    double motor_Nm[3];                /* in the last period, within the limits */
+    double hand_torque_Nm[3];          /* of the wrist on the hand, mean over the last period: what is felt */
+    int32_t counts[3], padding;        /* what the encoders read; of 1e-6 rad when step_rad is 0 */
+} cr_sim_wrist;
+
+/* Purpose  the default wrist: the table of sim/DESIGN.md, every number of it assumed. */
+cr_sim_wrist_params cr_sim_wrist_params_default(void);
+
+/* Purpose  a wrist at rest at these angles.   Output  0; -1 when a number is not finite or out of range: nothing written. */
+int cr_sim_wrist_init(cr_sim_wrist *wrist, const cr_sim_wrist_params *params, const double angle_rad[3]);
+
+/* Purpose  move on by one period. Units  rad: where the hand wants the axes; N m: of the motors, cut to torque_max_Nm. Not finite
+ *          counts as 0 for torques, as before for targets. */
+void cr_sim_wrist_advance(cr_sim_wrist *wrist, const double target_rad[3], const double torque_Nm[3]);
+
+/* Purpose  knock against the handle: an impulse about each axis, at once. Not finite: nothing.   Units  N m s. */
+void cr_sim_wrist_bump(cr_sim_wrist *wrist, const double impulse_Nms[3]);
+
 /* -------------------------------------------------------------------------------------------------------------------- faults */
 
 typedef enum {

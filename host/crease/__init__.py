@@ -5,6 +5,7 @@
     out = world.tick([0, 0, 0.008, 1, 0, 0, 0])      # out.force_N, out.torque_Nm, out.depth_m, out.areas
     felt = world.replay(poses)                       # felt.force_N, one row a tick
     felt = crease.Loop(scene).run(poses)             # the same with device and hand: they give way
+    crease.Coupling(scene).tick(pose)                # a tool that stays outside, on a spring of six degrees of freedom
 
 The names of `__all__` are public: what they promise is in their docstrings. Units are SI, frames are in the names,
 errors are one tree, `CreaseError`, whose text says what, where and the mend.
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from crease.loop.call import Felt, Loop
     from crease.loop.loop import Hand
     from crease.mesh.mesh import Mesh, load_mesh, make_mesh
+    from crease.replay.coupling import Coupling, Held
     from crease.replay.trajectory import Trajectory
     from crease.replay.trajectory import load_trajectory as load_path
     from crease.replay.world import Output, Replay, World
@@ -44,9 +46,11 @@ if TYPE_CHECKING:
 __all__ = [
     "COVERAGES",
     "RESPONSES",
+    "Coupling",
     "CreaseError",
     "Felt",
     "Hand",
+    "Held",
     "Loop",
     "LoopError",
     "Mesh",
@@ -83,6 +87,7 @@ _ROOMS = {
     "loop.call": ("Felt", "Loop"),
     "loop.loop": ("Hand",),
     "mesh.mesh": ("Mesh", "load_mesh", "make_mesh"),
+    "replay.coupling": ("Coupling", "Held"),
     "replay.trajectory": ("Trajectory",),
     "replay.world": ("Output", "Replay", "World"),
     "replay.worlds": ("Worlds",),

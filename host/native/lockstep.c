@@ -98,6 +98,15 @@ static void note(const cr_sim_state *state, cr_lockstep_row *row) {
     memcpy(row->joint_torque, state->joint_torque, sizeof row->joint_torque);
 }
 
+/* A motored wrist is where it is: the drives sense that, and the target is its hand's. */
+static void lead_handle(const far_end *end, cr_handle *handle, const double *target) {
+    const cr_sim_wrist *wrist = handle->wrist;
+    if (target != NULL) {
+        memcpy(handle->target, target, sizeof handle->target);
+    }
+    end->target(end->sim, handle->target, wrist->angle_rad);
+}
+
 size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_lockstep_clock *clock,
                        const double *targets, size_t count, uint32_t stop_modes, cr_record *records,
                        cr_lockstep_row *rows) {
@@ -107,7 +116,9 @@ size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_loc
         cr_sim_state state;
         clock->now_ns += clock->period_ns;
         (void)to_servo(&end, clock, servo, clock->now_ns, 0);
-        if (targets != NULL) {
+        if (drives->handle != NULL) {
+            lead_handle(&end, drives->handle, targets != NULL ? targets + 6u * k : NULL);
+        } else if (targets != NULL) {
             end.target(end.sim, targets + 6u * k, targets + 6u * k + 3u);
         }
         cr_servo_sync(servo, clock->now_ns, &tx);
@@ -116,6 +127,9 @@ size_t cr_lockstep_run(cr_servo *servo, const cr_lockstep_drives *drives, cr_loc
         const uint64_t tick_ns = to_servo(&end, clock, servo, until_ns, !clock->at_once);
         end.read(end.sim, &state);
         cr_servo_tick(servo, tick_ns, clock->period_s, &tx);
+        if (drives->handle != NULL) {
+            cr_handle_tick(drives->handle, cr_servo_get_record(servo), &tx, &drives->handle_rows[k]);
+        }
         to_drives(&end, clock, &tx, servo, tick_ns + clock->compute_ns);
         if (clock->search_work > 0u) {
             (void)cr_servo_search(servo, clock->search_work);

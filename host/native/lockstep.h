@@ -2,6 +2,7 @@
 #ifndef CR_LOCKSTEP_H
 #define CR_LOCKSTEP_H
 
+#include "handle.h"
 #include "servo.h"
 
 /* A function of the simulator, of whatever type: the two ends of the bus are in two extensions. */
@@ -15,6 +16,9 @@ typedef struct {
     cr_lockstep_fn put, get, target, read;
     /* Not null: told of each frame when the host hands it over or has received it. */
     void (*seen)(uint64_t at_ns, const cr_frame *frame);
+    /* Not null: a handle of six axes. Its wrist is what the drives sense; handle_rows[count] are written. */
+    cr_handle *handle;
+    cr_handle_row *handle_rows;
 } cr_lockstep_drives;
 
 /* State of the mechanism after a tick; frame of the base. */

@@ -114,7 +114,8 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
     report = json.loads(crease("bus", "--schedule", "--json").out)
     assert report["cycle"]["deadline_us"] == 700.0
     assert report["cycle"]["budget_us"] == 210.0
-    assert [row["feasible"] for row in report["layouts"]] == [True, False, False, True]
+    assert [row["feasible"] for row in report["layouts"]] == [True, False, False, True, False, True]
+    assert report["cycle_six"]["deadline_us"] == 550.0
 
 
 @pytest.mark.parametrize(

@@ -35,15 +35,32 @@ def parse_unit(text: str) -> float:
     return METRES[name]
 
 
+def _any_length(text: str, bare_m: float) -> float:
+    """A length of any sign, in m.   Errors: UnitError when it is not a number or has an unknown unit."""
+    match = _LENGTH.match(text)
+    if match is None:
+        raise UnitError(f"length '{text}' is not a number with a unit; write it like 2mm")
+    return float(match["number"]) * (parse_unit(match["unit"]) if match["unit"] else bare_m)
+
+
+def parse_place(text: str) -> tuple[float, float, float]:
+    """x, y and z in m from three lengths with commas between them, such as 0,0,-40mm; a bare number is in m.
+
+    Errors: UnitError when they are not three, or one is no finite length.
+    """
+    lengths_m = [_any_length(part, 1.0) for part in text.split(",")]
+    if len(lengths_m) != 3 or not all(math.isfinite(length_m) for length_m in lengths_m):
+        raise UnitError(f"place '{text}' is not three lengths; write it like 0,0,40mm")
+    x, y, z = lengths_m
+    return (x, y, z)
+
+
 def parse_length(text: str, bare_m: float = 1.0) -> float:
     """A positive length in m from a number with a unit; a bare number counts units of `bare_m` metres.
 
     Errors: UnitError when it is not a number, has an unknown unit, or is not positive and finite.
     """
-    match = _LENGTH.match(text)
-    if match is None:
-        raise UnitError(f"length '{text}' is not a number with a unit; write it like 2mm")
-    length_m = float(match["number"]) * (parse_unit(match["unit"]) if match["unit"] else bare_m)
+    length_m = _any_length(text, bare_m)
     if not math.isfinite(length_m) or length_m <= 0.0:
         raise UnitError(f"length '{text}' is not positive; write it like 2mm")
     return length_m

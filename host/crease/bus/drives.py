@@ -144,6 +144,41 @@ def _assign(target: Any, name: str, value: Any) -> None:
         raise BusError(f"parameter {name}: {value!r} does not fit: {error}") from error
 
 
+class WristParams:
+    """Motors of the wrist and the hand that turns it, by the names of cr_sim_wrist_params in sim/sim.h.
+
+    Lists of three go by axis: yaw, pitch, roll.   Errors: BusError for a name that is not known, a number that is not
+    finite, or a list that is not of three.
+    """
+
+    def __init__(self, **values: Any) -> None:
+        self.c: Any = ffi.new("cr_sim_wrist_params *", lib.cr_sim_wrist_params_default())
+        for name, value in values.items():
+            if isinstance(value, Sequence) and len(value) != AXES:
+                raise BusError(f"parameter {name}: {value!r} is not three numbers")
+            _assign(self.c, name, value)
+
+
+class Wrist:
+    """The motored wrist, at rest at zero.   Errors: BusError for parameters out of range."""
+
+    def __init__(self, params: WristParams) -> None:
+        self.params = params
+        self.c: Any = ffi.new("cr_sim_wrist *")
+        if lib.cr_sim_wrist_init(self.c, params.c, [0.0] * AXES) != 0:
+            raise BusError(
+                "a parameter of the wrist is out of range; see cr_sim_wrist_params in sim/sim.h"
+            )
+
+    def advance(self, target_rad: Sequence[float], torque_Nm: Sequence[float]) -> None:
+        """One period: where the hand wants the axes, and what the motors give."""
+        lib.cr_sim_wrist_advance(self.c, list(target_rad), list(torque_Nm))
+
+    def read(self, name: str) -> F64:
+        """One array of cr_sim_wrist by its name."""
+        return np.array(list(getattr(self.c, name)), dtype=np.float64)
+
+
 class Drives:
     """Three drives, just switched on, with mechanism and operator behind them.
 

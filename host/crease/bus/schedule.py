@@ -8,7 +8,7 @@ taken with the most stuff bits they can have. Unit: us throughout; at 1 Mbit/s o
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from math import ceil
@@ -198,11 +198,17 @@ def cycle(dictionary: Dictionary, bit_us: float = 1.0, step_us: float = 50.0) ->
     """
     messages = [m for m in dictionary.messages() if m.rendering]
     cost = {m.name: frame_bits(m.bytes) * bit_us for m in messages}
+    return _phases(messages, cost, float(dictionary.bus["period_us"]), step_us)
+
+
+def _phases(
+    messages: Sequence[Message], cost: Mapping[str, float], period: float, step_us: float
+) -> Cycle:
+    """`cycle` of these frames, of which each takes `cost`, us."""
     states = [m for m in messages if m.name.startswith("STATE")]
     seldom = [m for m in messages if not m.cyclic]
     in_way = sorted((cost[m.name] for m in seldom if m.sender == "drive"), reverse=True)[:3]
     behind_torque = sum(cost[m.name] for m in seldom if m.sender == "host")
-    period = float(dictionary.bus["period_us"])
     reaction = max(m.jitter_us for m in states)
     quiet = cost["SYNC"] + reaction + sum(cost[m.name] for m in states)
     answers = quiet + in_way[0] + in_way[1]
@@ -213,12 +219,60 @@ def cycle(dictionary: Dictionary, bit_us: float = 1.0, step_us: float = 50.0) ->
         deadline_us=deadline,
         budget_us=period - answers - in_way[2] - cost["TORQUE"],
         budget_quiet_us=period - quiet - cost["TORQUE"],
-        bridged_us=deadline + max(in_way[0], cost["WRIST"]) + cost["TORQUE"],
+        bridged_us=deadline + max(in_way[0], cost.get("WRIST", 0.0)) + cost["TORQUE"],
     )
 
 
+WRIST_NODES = (0x14, 0x15, 0x16)
+"""Of the drives yaw, pitch and roll, behind those of the device, where all six axes are on the bus."""
+NOMINAL_US, DATA_US = 1.0, 0.2
+"""Of a bit of a CAN FD frame at 1 and 5 Mbit/s."""
+
+
+def six_axes(dictionary: Dictionary) -> list[Message]:
+    """The frames of six drives: those of the wrist have what those of the device have, and TORQUE has six words.
+
+    No WRIST: its angles are states. Highest priority first.
+    """
+    found: list[Message] = []
+    last = dictionary.axes[-1]
+    for message in dictionary.messages():
+        if message.name == "WRIST":
+            continue
+        found.append(replace(message, bytes=12) if message.name == "TORQUE" else message)
+        if message.name.endswith(f"_{last.name}"):
+            found += [
+                replace(
+                    message,
+                    name=f"{message.name[: -len(last.name)]}{name}",
+                    cob=message.cob - last.node + node,
+                )
+                for name, node in zip(("YAW", "PITCH", "ROLL"), WRIST_NODES, strict=True)
+            ]
+    return sorted(found, key=lambda message: message.cob)
+
+
+def _six_classic(dictionary: Dictionary) -> list[Timing]:
+    """Six drives in classical frames: two torque frames of three words each."""
+    messages = six_axes(dictionary)
+    torque = next(m for m in messages if m.name == "TORQUE")
+    others = [m for m in messages if m.name != "TORQUE"]
+    pair = [
+        replace(torque, name=name, cob=torque.cob + i, bytes=6)
+        for i, name in enumerate(("TORQUE", "TORQUE_WRIST"))
+    ]
+    return timings([*others, *pair])
+
+
+def six_cycle(dictionary: Dictionary, step_us: float = 50.0) -> Cycle:
+    """One period of six axes on CAN FD, 1 and 5 Mbit/s, states of 8 bytes; as of `cycle`."""
+    messages = [m for m in six_axes(dictionary) if m.rendering]
+    cost = {m.name: fd_frame_us(m.bytes, NOMINAL_US, DATA_US) for m in messages}
+    return _phases(messages, cost, float(dictionary.bus["period_us"]), step_us)
+
+
 def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:
-    """The bus as it is, the two that were rejected, and CAN FD with 12-byte states (the velocity besides)."""
+    """The bus as it is, the two that were rejected, CAN FD with 12-byte states (the velocity besides), and six axes."""
     messages = dictionary.messages()
     nodes = [axis.node for axis in dictionary.axes]
     default_emcy = [
@@ -232,7 +286,20 @@ def layouts(dictionary: Dictionary) -> dict[str, list[Timing]]:
         "default EMCY identifiers": timings(default_emcy),
         "one torque frame per axis": timings(per_axis),
         "CAN FD, 1 and 5 Mbit/s": _fd_timings(messages),
+        "six axes, classical": _six_classic(dictionary),
+        "six axes, CAN FD": [
+            replace(i, cost_us=fd_frame_us(length, NOMINAL_US, DATA_US))
+            for i, length in _with_lengths(six_axes(dictionary))
+        ],
     }
+
+
+def _with_lengths(messages: Sequence[Message]) -> list[tuple[Timing, int]]:
+    """Timings with the bytes of their frames, highest priority first. Their cost is for the caller to set."""
+    return [
+        (Timing(m.name, m.cob, 0.0, m.period_us, m.jitter_us, m.cyclic), m.bytes)
+        for m in sorted(messages, key=lambda m: m.cob)
+    ]
 
 
 def _fd_timings(messages: Sequence[Message]) -> list[Timing]:

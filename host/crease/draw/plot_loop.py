@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.native import ffi, lib
-from crease.draw.plot import COLOURS, STYLE, Table, forces_N, legend_beside, new_figure
+from crease.draw.plot import COLOURS, STYLE, Table, forces_N, legend_beside, new_figure, torques_Nm
 from crease.replay.recording import Recording, fault_names, limit_names, mode_names, to_columns
 
 if TYPE_CHECKING:
@@ -57,16 +57,21 @@ def draw_loop(table: Table, title: str) -> Figure:
     """Five panels over time: force (contact, commanded, felt), depth, energy, timing after SYNC, state and trouble.
 
     Shapes: columns of `crease hil --table`, of `recording_table` or of a re-run. Felt is the simulator's force on the
-    hand where the table has it, else what the motors gave; a re-run knows neither.
+    hand where the table has it, else what the motors gave; a re-run knows neither. Of a run with a held tool
+    (`crease hil --couple`) a sixth, below the force: torque.
     """
     import matplotlib as mpl
 
+    held = "contact_tx_Nm" in table
+    heights = [2.2, *([1.6] if held else []), 1.0, 1.0, 1.4, 1.2]
     with mpl.rc_context(STYLE):
-        figure = new_figure(9.0, 9.5)
-        panels = list(figure.subplots(5, 1, sharex=True, height_ratios=[2.2, 1.0, 1.0, 1.4, 1.2]))
+        figure = new_figure(9.0, 11.0 if held else 9.5)
+        panels = list(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
         _draw_forces(panels[0], table)
+        if held:
+            _draw_torques(panels.pop(1), table)
         panels[1].plot(table["t_s"], 1e3 * np.asarray(table["depth_m"]), color=COLOURS[0])
-        panels[1].set_ylabel("depth, mm")
+        panels[1].set_ylabel("hand from the\nheld tool, mm" if held else "depth, mm")
         panels[1].set_ylim(bottom=0.0)
         panels[2].plot(table["t_s"], 1e3 * np.asarray(table["energy_J"]), color=COLOURS[0])
         panels[2].axhline(0.0, color="#999999", lw=0.8)
@@ -100,6 +105,20 @@ def _draw_forces(axes: Axes, table: Table) -> None:
     if f"{felt[0]}fx_N" in table:
         axes.plot(table["t_s"], _size_N(table, felt[0]), color=COLOURS[1], lw=0.8, label=felt[1])
     axes.set_ylabel("|force|, N")
+    legend_beside(axes)
+
+
+def _draw_torques(axes: Axes, table: Table) -> None:
+    """About the tool's origin, and what the simulated hand feels about each axis of the wrist."""
+    spring = np.stack([np.asarray(table[f"contact_t{a}_Nm"]) for a in "xyz"], axis=1)
+    sent = np.linalg.norm(torques_Nm(table), axis=1)
+    hand = np.stack([np.asarray(table[f"hand_{a}_Nm"]) for a in ("yaw", "pitch", "roll")], axis=1)
+    size = np.linalg.norm(spring, axis=1)
+    axes.plot(table["t_s"], size, color=COLOURS[2], lw=2.2, label="spring of the held tool")
+    axes.plot(table["t_s"], sent, color=COLOURS[0], lw=1.0, label="commanded")
+    felt = np.linalg.norm(hand, axis=1)
+    axes.plot(table["t_s"], felt, color=COLOURS[1], lw=0.8, label="felt by the hand")
+    axes.set_ylabel("|torque|, N m")
     legend_beside(axes)
 
 

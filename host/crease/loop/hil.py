@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from crease.base.native import ffi, lib
 from crease.base.records import record
 from crease.base.scene import Scene
 from crease.bus.drives import Drives, Fault, Frame, Params, Wire
+from crease.loop.handle import HANDLE, Handle, HandleSetup, describe_handle
 from crease.replay.measures import buzz_m_s2
 from crease.replay.recording import (
     RECORD,
@@ -54,12 +55,13 @@ MECHANISM = record("cr_lockstep_row")
 class LoopResult:
     """recording: every tick from the servo's first. mechanism: array MECHANISM, one row a tick; empty over a real bus.
 
-    path_start: index of the first tick of the path.
+    path_start: index of the first tick of the path. handle: array HANDLE, one row a tick; empty without a held tool.
     """
 
     recording: Recording
     mechanism: npt.NDArray[Any]
     path_start: int
+    handle: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=HANDLE))
 
 
 def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
@@ -136,13 +138,18 @@ class Loop:
         deadline_ns: int = DEADLINE_NS,
         compute_ns: int = 0,
         search_work: int = 0,
+        handle: HandleSetup | None = None,
     ) -> None:
-        """deadline_ns: after SYNC. compute_ns: how long a tick takes. at_once: no time from sample to torque.
+        """deadline_ns: after SYNC. compute_ns: how long a tick takes. at_once: no time from sample to torque but what
+        the parameters declare.
 
         search_work: lookups of the search for contact beside each tick, for a config with late_max_ticks above 0.
+        handle: of six axes, with a held tool; the servo's own contact is left out then.
 
         Errors: CreaseError for a configuration, parameters or faults that are refused.
         """
+        if handle is not None:
+            config = _without_contact(config)
         self.servo = Servo(scene, config)
         self.config = self.servo.config
         self._ffi, self._lib = self.servo.native.ffi, self.servo.native.lib
@@ -158,6 +165,14 @@ class Loop:
         for name in ("wire_put", "wire_get", "sim_target", "sim_read"):
             address = sim_ffi.addressof(sim_lib, f"cr_{name}")
             setattr(self._far, name.split("_")[1], self._pointer("cr_lockstep_fn", address))
+        self.handle: Handle | None = None
+        """Of six axes, where the loop has one."""
+        if handle is not None:
+            delay_s = self.drives.params.torque_delay_s if at_once else 1e-9 * PERIOD_NS
+            self.handle = Handle(scene, self.config, handle, round(1e9 * delay_s / PERIOD_NS))
+            self.handle.rest_at(self.drives.state.tip_pos_m)
+            self._far.handle = self.handle.c
+        self._handle_rows: list[npt.NDArray[Any]] = []
         self._records: list[npt.NDArray[Any]] = []
         self._rows: list[npt.NDArray[Any]] = []
         self.ticks = 0
@@ -196,7 +211,9 @@ class Loop:
 
     def _run(self, targets: F64 | None, count: int, stop_modes: int) -> int:
         records, rows = np.zeros(count, dtype=RECORD), np.zeros(count, dtype=MECHANISM)
+        handle_rows = np.zeros(count if self.handle else 0, dtype=HANDLE)
         own = self._ffi
+        self._far.handle_rows = own.from_buffer("cr_handle_row[]", handle_rows)
         self._far.seen = own.NULL if self.on_frame is None else self._seen
         done = int(
             self._lib.cr_lockstep_run(
@@ -212,6 +229,7 @@ class Loop:
         )
         self._records.append(records[:done])
         self._rows.append(rows[:done])
+        self._handle_rows.append(handle_rows[:done])
         self.ticks += done
         caught, self._caught = self._caught, None
         if caught is not None:
@@ -244,10 +262,14 @@ class Loop:
         """Records and rows of the last run, at most `ticks`; they are views."""
         return self._records[-1][-ticks:], self._rows[-1][-ticks:]
 
+    def latest_handle(self, ticks: int) -> npt.NDArray[Any]:
+        """Rows of the handle in the last run, at most `ticks`; a view."""
+        return self._handle_rows[-1][-ticks:]
+
     def drain(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """Records and rows since the last call; they are not kept."""
         rows = [*self._records, np.zeros(0, RECORD)], [*self._rows, np.zeros(0, MECHANISM)]
-        self._records, self._rows = [], []
+        self._records, self._rows, self._handle_rows = [], [], []
         return np.concatenate(rows[0]), np.concatenate(rows[1])
 
     def result(self, path_start: int = 0) -> LoopResult:
@@ -256,11 +278,20 @@ class Loop:
         rows = np.frombuffer(b"".join(part.tobytes() for part in self._records), dtype=RECORD)
         self._records, self._rows = [rows], [np.concatenate(self._rows)]
         recording = Recording(rows, self.config, scene_crc32(self.servo.scene), "in process")
-        return LoopResult(recording, self._rows[0], path_start)
+        self._handle_rows = [np.concatenate(self._handle_rows)]
+        return LoopResult(recording, self._rows[0], path_start, self._handle_rows[0])
 
     def _pointer(self, kind: str, value: Any) -> Any:
         """An address of the simulator in the types of the servo's extension."""
         return self._ffi.cast(kind, int(sim_ffi.cast("uintptr_t", value)))
+
+
+def _without_contact(config: Any | None) -> Any:
+    """The same configuration with a servo that feels nothing of the world: a held tool does."""
+    own = ffi.new("cr_servo_config *", config[0] if config else lib.cr_servo_config_default())
+    own.world.stiffness_N_m = 0.0
+    own.control.contact_damping_Ns_m = 0.0
+    return own
 
 
 def run_inprocess(
@@ -271,12 +302,15 @@ def run_inprocess(
     faults: Sequence[Fault] = (),
     on_frame: Callable[[float, Frame], None] | None = None,
     progress: Callable[[float], None] = lambda _: None,
+    handle: HandleSetup | None = None,
+    at_once: bool = False,
 ) -> LoopResult:
     """The operator leads the tool along a path; both ends of the bus in this process. Deterministic.
 
+    handle, at_once: as of Loop.
     Errors: LoopError, or any CreaseError of scene, configuration and parameters.   Cost: about 0.07 ms a tick.
     """
-    loop = Loop(scene, config, params, faults)
+    loop = Loop(scene, config, params, faults, at_once, handle=handle)
     loop.on_frame = on_frame
     targets = hand_targets(resample(path), loop.config)
     loop.bring_up(lead_in(targets, loop.drives.state.tip_pos_m))
@@ -416,6 +450,8 @@ def describe(result: LoopResult) -> dict[str, object]:
     if len(result.mechanism):
         along = result.mechanism[result.path_start :]
         report["buzz_m_s2"] = buzz_m_s2(along["tip_acc_m_s2"])
+        if len(result.handle):
+            report |= describe_handle(result.handle[result.path_start :])
         report["hand_force_max_N"] = float(
             np.linalg.norm(along["hand_force_N"], axis=1).max(initial=0.0)
         )

@@ -22,6 +22,7 @@ from crease.base.errors import LoopError
 from crease.base.native import RESPONSES, ffi, lib
 from crease.base.scene import Scene
 from crease.bus.drives import Params
+from crease.loop.handle import HandleSetup
 from crease.loop.hil import (
     PERIOD_NS,
     Loop,
@@ -68,7 +69,8 @@ class Setup:
     dry_friction: False takes Coulomb friction out of the mechanism, and its compensation out of the firmware.
     search_work: lookups of the search for contact beside each tick; 0: the tick searches itself.
     control, params: fields of cr_control_config and cr_sim_params by name. axes: fields of cr_sim_axis by axis; the
-    firmware is told of another step_m. base_from_world: how the device stands turned.
+    firmware is told of another step_m. base_from_world: how the device stands turned. handle: of six axes, with a held
+    tool, whose stiffness then counts.
     """
 
     stiffness_N_m: float = 1000.0
@@ -82,6 +84,7 @@ class Setup:
     axes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     base_from_world: Quaternion = (1.0, 0.0, 0.0, 0.0)
     search_work: int = 0
+    handle: HandleSetup | None = None
 
 
 def _turned_base(config: Any, base_from_world: Sequence[float]) -> None:
@@ -147,6 +150,7 @@ def open_loop(scene: Scene, setup: Setup) -> Loop:
         sim_params(setup),
         at_once=at_once,
         search_work=setup.search_work,
+        handle=setup.handle,
     )
 
 
@@ -216,7 +220,7 @@ def hold(scene: Scene, setup: Setup, place: Place, press_N: float) -> LoopResult
     deep = np.asarray(place.touch_m) - sink_m * normal + ASIDE_M * across
     share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, APPROACH_TICKS))
     way = near + share[:, None] * (deep - near)
-    targets = hand_targets(_straight(way, turn_between((0.0, 0.0, 1.0), normal)), loop.config)
+    targets = hand_targets(straight(way, turn_between((0.0, 0.0, 1.0), normal)), loop.config)
     bring_up(loop, targets)
     loop.run(targets)
     loop.run(np.repeat(targets[-1:], REST_TICKS, axis=0))
@@ -235,7 +239,7 @@ def turn_between(before: npt.ArrayLike, after: npt.ArrayLike) -> Quaternion:
     return (w, x, y, z)
 
 
-def _straight(position_m: F64, quaternion: Quaternion) -> Trajectory:
+def straight(position_m: F64, quaternion: Quaternion) -> Trajectory:
     """Positions at one a period, all in one attitude."""
     turned = np.tile(quaternion, (len(position_m), 1))
     return check_rows(

@@ -153,6 +153,39 @@ def groove_scene(folder: Path, spacing_m: float = 0.4e-3) -> Scene:
     )
 
 
+FEET = {1: (1, 1), 4: (2, 2), 24: (6, 4)}
+"""Feet of a plate, along X and Y, by how many there are: each touches a plane in one point."""
+FEET_HALF_M = (0.025, 0.015)
+"""Of the outermost feet from the middle."""
+
+
+def feet_m(feet: int) -> F64:
+    """Where the feet of a plate touch, (n, 3), frame of the tool.   Errors: KeyError for a number not in FEET."""
+    across, deep = FEET[feet]
+    half_x, half_y = FEET_HALF_M
+    xs = np.linspace(-half_x, half_x, across) if across > 1 else np.zeros(1)
+    ys = np.linspace(-half_y, half_y, deep) if deep > 1 else np.zeros(1)
+    return np.array([[x, y, 0.0] for x in xs for y in ys])
+
+
+def feet_scene(folder: Path, feet: int) -> Scene:
+    """Bake a block, and a plate on so many pyramids whose tips are in the plane of the tool's origin, into `folder`.
+
+    Cost: 5 s, once.   Errors: as feet_m.
+    """
+    import trimesh
+
+    half_x, half_y = (1e3 * half for half in FEET_HALF_M)
+    corners = np.array([[0, 0, 0], *([x, y, 4.5] for x in (-3, 3) for y in (-3, 3))], np.float64)
+    tips = [trimesh.convex.convex_hull(corners + 1e3 * at_m) for at_m in feet_m(feet)]
+    plate = trimesh.creation.box(
+        bounds=[[-half_x - 5, -half_y - 5, 4], [half_x + 5, half_y + 5, 9]]
+    )
+    tool = trimesh.util.concatenate([plate, *tips])
+    block = trimesh.creation.box(bounds=[[-60.0, -50.0, -20.0], [60.0, 50.0, 0.0]])
+    return _bake(folder, f"feet_{feet}", {"block": block, f"feet_{feet}": tool}, 2e-3)
+
+
 def press_N(hand: Hand) -> float:
     """How hard a hand presses here."""
     return PRESS_N.get(hand, 2.0)

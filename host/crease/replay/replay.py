@@ -178,6 +178,11 @@ class World:
         """The cffi `cr_world *`, for functions of `native`."""
         return self._handle
 
+    @property
+    def coupled(self) -> Any:
+        """The cffi `cr_coupled *`; None for a world without a held tool."""
+        return self._couple
+
     def reset(self) -> None:
         """Back to the state before the first tick.   Errors: SceneError."""
         start = -self._memory.ctypes.data % _ALIGN

@@ -278,7 +278,7 @@ class World:
         Errors   TrajectoryError naming the first bad row: not finite, not of unit length within 1 %, time that stands.
         Cost     under 1 us a tick above the ticks themselves.
         """
-        path = poses if isinstance(poses, Trajectory) else _path_of(poses, period_s)
+        path = poses if isinstance(poses, Trajectory) else path_of(poses, period_s)
         return Replay(path, self._engine.run(path))
 
     def reset(self) -> None:
@@ -291,7 +291,7 @@ class World:
         self.native.lib.cr_world_clear_fault(self._handle)
 
 
-def _path_of(poses: npt.ArrayLike, period_s: float) -> Trajectory:
+def path_of(poses: npt.ArrayLike, period_s: float) -> Trajectory:
     """A checked path from an array (n, 7) or (n, 8).   Errors: TrajectoryError."""
     try:
         rows = np.asarray(poses, dtype=np.float64)

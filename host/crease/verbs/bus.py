@@ -106,12 +106,14 @@ def _schedule(args: argparse.Namespace) -> None:
         }
         for name, items in layouts.items()
     ]
-    cycle = schedule.cycle(dictionary)
+    cycle, six = schedule.cycle(dictionary), schedule.six_cycle(dictionary)
     if args.json:
         messages = [
             vars(r) | {"with_error_us": e.response_us} for r, e in zip(found, struck, strict=True)
         ]
-        print_json({"messages": messages, "layouts": rows, "cycle": vars(cycle)})
+        print_json(
+            {"messages": messages, "layouts": rows, "cycle": vars(cycle), "cycle_six": vars(six)}
+        )
         return
     print("COB-ID  frame           bits   period us  response us  with one bus error per 10 ms")
     for one, worse in zip(found, struck, strict=True):
@@ -123,13 +125,16 @@ def _schedule(args: argparse.Namespace) -> None:
         f"\nwhile torque flows: the states are there {cycle.states_us:.0f} us after SYNC, at the latest after"
         f" {cycle.answers_us:.0f} us; deadline {cycle.deadline_us:.0f} us;\nthe computation may take"
         f" {cycle.budget_us:.0f} us, with no heartbeat in the way {cycle.budget_quiet_us:.0f} us\n"
+        f"six axes on CAN FD: {six.states_us:.0f} us, at the latest {six.answers_us:.0f}; deadline"
+        f" {six.deadline_us:.0f}; computation {six.budget_us:.0f}, {six.budget_quiet_us:.0f} us\n"
     )
     print(f"{'layout':26s} {'load cyclic/all':>16s} {'last cyclic':>12s}  feasible  up to")
     for row in rows:
         fits = "yes" if row["feasible"] else "no"
+        last = _us(row["last_cyclic_us"]) + (" us" if row["last_cyclic_us"] else "")
         print(
             f"{row['layout']:26s} {100 * row['load_cyclic']:8.1f}/{100 * row['load']:.1f} %"
-            f" {_us(row['last_cyclic_us']):>9s} us  {fits:8s}  {row['highest_rate_Hz']} Hz"
+            f" {last:>12s}  {fits:8s}  {row['highest_rate_Hz']} Hz"
         )
 
 

@@ -8,10 +8,13 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from crease.base.errors import CreaseError, UnitError
-from crease.base.units import parse_length, parse_size, parse_unit
+from crease.base.units import parse_length, parse_place, parse_size, parse_unit
+
+if TYPE_CHECKING:
+    from crease.replay.replay import CoupleOptions
 
 SubParsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
@@ -23,6 +26,14 @@ def length(text: str) -> Callable[[float], float]:
     except UnitError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
     return lambda bare_m: parse_length(text, bare_m)
+
+
+def place(text: str) -> tuple[float, float, float]:
+    """Type of an option that is a place: x, y and z in m."""
+    try:
+        return parse_place(text)
+    except UnitError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def size(text: str) -> int:
@@ -114,6 +125,54 @@ def add_stiffness(parser: argparse._ActionsContainer) -> None:
         default=1000.0,
         help="0 to 1e6 (default: 1000)",
     )
+
+
+def add_couple(parser: argparse._ActionsContainer, what: str) -> None:
+    """--couple and the settings of a held tool.   what: help of --couple."""
+    parser.add_argument("--couple", action="store_true", help=what)
+    parser.add_argument(
+        "--friction",
+        metavar="MU",
+        type=number(0.0, 1.0),
+        help="of the held tool, with --couple: 0 to 1 (default: 0)",
+    )
+    parser.add_argument(
+        "--stiffness-turn",
+        metavar="Nm/rad",
+        type=number(1e-3, 1e4),
+        help="of the spring against turns, with --couple: 1e-3 to 1e4 (default: 5)",
+    )
+    parser.add_argument(
+        "--damping-turn",
+        metavar="Nms/rad",
+        type=number(0.0, 1e2),
+        help="of the spring against turns, with --couple: 0 to 100 (default: 0)",
+    )
+    parser.add_argument(
+        "--centre",
+        metavar="X,Y,Z",
+        type=place,
+        help="where the springs are tied, frame of the tool, with --couple: such as 0,0,40mm, or --centre=-5mm,0,0; "
+        "bare numbers are m (default: the tool's origin)",
+    )
+
+
+def couple_options(args: argparse.Namespace) -> CoupleOptions | None:
+    """Settings of the held tool; None without --couple.   Errors: CreaseError for a setting without --couple."""
+    from crease.replay.replay import CoupleOptions
+
+    names = {
+        "stiffness_turn": "stiffness_Nm_rad",
+        "damping_turn": "damping_Nms_rad",
+        "friction": "friction",
+        "centre": "centre_tool_m",
+    }
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    if args.couple:
+        return CoupleOptions(**{names[name]: value for name, value in given.items()})
+    for name in given:
+        raise CreaseError(f"--{name.replace('_', '-')} is of a held tool; give --couple too")
+    return None
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:

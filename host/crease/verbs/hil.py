@@ -16,12 +16,16 @@ from crease.replay.replay import DEFAULT_RESPONSE
 from crease.replay.trajectory import load_trajectory
 from crease.verbs.common import (
     SubParsers,
+    add_couple,
     add_force,
     add_json,
     add_scene,
     add_stiffness,
+    couple_options,
+    number,
     print_either,
     warn,
+    whole_in,
 )
 
 
@@ -66,7 +70,8 @@ def add_parser(sub: SubParsers) -> None:
         metavar="OUT.crr",
         type=Path,
         required=True,
-        help="the recording; or OUT.mcap: ROS 2 messages with contact points and areas",
+        help="the recording; or OUT.mcap: ROS 2 messages with contact points and areas; with --couple a table, "
+        "CSV or NPZ",
     )
     parser.add_argument(
         "--table", metavar="OUT.csv", type=Path, help="the ticks of the path as CSV or NPZ"
@@ -78,7 +83,7 @@ def add_parser(sub: SubParsers) -> None:
         "--device",
         metavar="SIM.toml",
         type=Path,
-        help="parameters of the simulated device, as for `crease sim` (in process)",
+        help="parameters of the simulated device, as for `crease sim`; table wrist: its motors (in process)",
     )
     parser.add_argument(
         "--fault",
@@ -93,6 +98,23 @@ def add_parser(sub: SubParsers) -> None:
         metavar="NAME",
         default=DEFAULT_RESPONSE,
         help=f"as for `crease replay` (in process; default: {DEFAULT_RESPONSE})",
+    )
+    add_couple(
+        parser,
+        "a handle of six axes, in process: the tool is held outside the mock-up, --stiffness and --damping are of the "
+        "spring to the hand, and a wrist with motors, simulated beside the bus, gives its torque",
+    )
+    parser.add_argument(
+        "--damping",
+        metavar="Ns/m",
+        type=number(0.0, 1e4),
+        help="of the spring along, with --couple: 0 to 1e4 (default: 0)",
+    )
+    parser.add_argument(
+        "--delay",
+        metavar="MS",
+        type=whole_in(0, 7),
+        help="from a sample to its wrench, with --couple: 0 to 7 (default: that of the bus, 1)",
     )
     add_json(parser)
     add_force(parser)
@@ -116,7 +138,8 @@ def run(args: argparse.Namespace) -> None:
     from crease.replay.recording import SUFFIX, recording_bytes
     from crease.verbs.sim import parse_fault
 
-    check_suffix(args.output, (SUFFIX, ".mcap"))
+    handle = _handle_of(args)
+    check_suffix(args.output, (".csv", ".npz") if handle else (SUFFIX, ".mcap"))
     check_target(args.output, args.force, (args.scene, args.operator))
     if args.table is not None:
         check_suffix(args.table, (".csv", ".npz"))
@@ -131,7 +154,7 @@ def run(args: argparse.Namespace) -> None:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
     else:
-        result = _run_inprocess(args, scene, path)
+        result = _run_inprocess(args, scene, path, handle)
     rows = result.recording.rows
     warn(
         [
@@ -140,7 +163,9 @@ def run(args: argparse.Namespace) -> None:
             if parse_fault(text).tick >= len(rows)
         ]
     )
-    if args.output.suffix == ".mcap":
+    if handle is not None:
+        write_table(args.output, _held_table(result))
+    elif args.output.suffix == ".mcap":
         from crease.replay.export import write_recording
 
         write_recording(args.output, result.recording, scene)
@@ -152,7 +177,29 @@ def run(args: argparse.Namespace) -> None:
     print_either(args.json, report, _lines(report))
 
 
-def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
+def _handle_of(args: argparse.Namespace) -> Any:
+    """A `HandleSetup` with --couple, else None.   Errors: CreaseError for options that do not go together."""
+    from crease.base.errors import CreaseError
+
+    couple = couple_options(args)
+    if couple is None:
+        for name in ("damping", "delay"):
+            if getattr(args, name) is not None:
+                raise CreaseError(f"--{name} is of a held tool; give --couple too")
+        return None
+    if args.interface == "socketcan":
+        raise CreaseError("--couple: only with -i inprocess; the wrist is simulated beside the bus")
+    if args.response != DEFAULT_RESPONSE:
+        raise CreaseError(f"--response {args.response}: a held tool has no response but its own")
+    if args.table is not None:
+        raise CreaseError("--couple has no --table; the table is what -o names")
+    from crease.loop.handle import HandleSetup
+    from crease.verbs.sim import load_device
+
+    return HandleSetup(args.stiffness, args.damping or 0.0, couple, load_device(args.device)[1])
+
+
+def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any, handle: Any) -> Any:
     from crease.base.errors import LoopError
     from crease.base.native import RESPONSES, ffi, lib
     from crease.loop.hil import run_inprocess
@@ -164,6 +211,9 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
     config.world.stiffness_N_m = args.stiffness
     config.world.response = RESPONSES[args.response]
     params = load_params(args.device)
+    if args.delay is not None:
+        params.c.torque_delay_s = 1e-3 * args.delay
+    held = {"handle": handle, "at_once": args.delay is not None}
     faults = [parse_fault(text) for text in args.fault]
     with Progress() as progress:
 
@@ -171,7 +221,7 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
             progress("hil", part)
 
         if args.log is None:
-            return run_inprocess(scene, path, config, params, faults, progress=say)
+            return run_inprocess(scene, path, config, params, faults, progress=say, **held)
         import can
 
         check_suffix(args.log, (".log", ".asc", ".blf"))
@@ -189,7 +239,30 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any) -> Any:
                     )
                 )
 
-            return run_inprocess(scene, path, config, params, faults, on_frame=keep, progress=say)
+            return run_inprocess(
+                scene, path, config, params, faults, on_frame=keep, progress=say, **held
+            )
+
+
+def _felt_columns(felt: Any) -> dict[str, Any]:
+    """Columns of what the simulator knows."""
+    columns: dict[str, Any] = {}
+    for field, names in (
+        ("hand_force_N", ("hand_fx_N", "hand_fy_N", "hand_fz_N")),
+        ("tip_acc_m_s2", ("ax_m_s2", "ay_m_s2", "az_m_s2")),
+        ("hand_target_m", ("hand_x_m", "hand_y_m", "hand_z_m")),
+    ):
+        columns.update(zip(names, np.ascontiguousarray(felt[field].T), strict=True))
+    return columns
+
+
+def _held_table(result: Any) -> dict[str, Any]:
+    """Every tick of the path, with the held tool."""
+    from crease.loop.handle import handle_columns
+
+    start = result.path_start
+    columns = handle_columns(result.handle[start:], result.recording.rows[start:])
+    return columns | _felt_columns(result.mechanism[start:])
 
 
 def _table(result: Any) -> dict[str, Any]:
@@ -198,29 +271,27 @@ def _table(result: Any) -> dict[str, Any]:
     start = result.path_start
     columns = to_columns(result.recording.rows[start:])
     if len(result.mechanism):
-        felt = result.mechanism[start:]
-        for field, names in (
-            ("hand_force_N", ("hand_fx_N", "hand_fy_N", "hand_fz_N")),
-            ("tip_acc_m_s2", ("ax_m_s2", "ay_m_s2", "az_m_s2")),
-            ("hand_target_m", ("hand_x_m", "hand_y_m", "hand_z_m")),
-        ):
-            columns.update(zip(names, np.ascontiguousarray(felt[field].T), strict=True))
+        columns |= _felt_columns(result.mechanism[start:])
     return columns
 
 
 def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
     faults = ", ".join(report["faults"]) or "none"
+    held = "torque_max_Nm" in report
     lines = [
-        ("recording", report["output"]),
+        ("table" if held else "recording", report["output"]),
         ("transport", report["transport"]),
         (
             "ticks",
             f"{report['ticks']:,}, {report['ticks_rendering']:,} rendering, {report['ticks_in_contact']:,} in contact, "
             f"{report['ticks_limited']:,} limited",
         ),
-        ("contact", report["contact"]),
+        *([] if held else [("contact", report["contact"])]),
         ("force", f"{report['force_max_N']:.4g} N max"),
-        ("depth", f"{1e3 * report['depth_max_m']:.4g} mm max"),
+        *([("torque", f"{report['torque_max_Nm']:.4g} N m max")] if held else []),
+        ("hand", f"{1e3 * report['depth_max_m']:.4g} mm from the held tool at most")
+        if held
+        else ("depth", f"{1e3 * report['depth_max_m']:.4g} mm max"),
         ("energy", f"{1e3 * report['energy_max_J']:.3g} mJ given to the hand at most"),
     ]
     if "buzz_m_s2" in report:

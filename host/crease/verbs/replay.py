@@ -26,10 +26,12 @@ from crease.replay.replay import (
 from crease.replay.trajectory import Trajectory, load_trajectory
 from crease.verbs.common import (
     SubParsers,
+    add_couple,
     add_force,
     add_json,
     add_scene,
     add_stiffness,
+    couple_options,
     number,
     print_either,
     warn,
@@ -120,23 +122,10 @@ def add_parser(sub: SubParsers) -> None:
         default=REPEAT,
         help=f"run the path N times and keep each tick's least time: its cost, not the scheduler's (default: {REPEAT})",
     )
-    parser.add_argument(
-        "--couple",
-        action="store_true",
-        help="hold the tool outside the mock-up, tied to the hand by a spring in six degrees of freedom, which is what "
+    add_couple(
+        parser,
+        "hold the tool outside the mock-up, tied to the hand by a spring in six degrees of freedom, which is what "
         "is felt: --stiffness and --damping are the spring's, and its force has no limit",
-    )
-    parser.add_argument(
-        "--friction",
-        metavar="MU",
-        type=number(0.0, 1.0),
-        help="of the held tool, with --couple: 0 to 1 (default: 0)",
-    )
-    parser.add_argument(
-        "--stiffness-turn",
-        metavar="Nm/rad",
-        type=number(1e-3, 1e4),
-        help="of the spring against turns, with --couple: 1e-3 to 1e4 (default: 5)",
     )
     add_json(parser)
     add_force(parser)
@@ -153,22 +142,15 @@ _UNCOUPLED = (
 
 def _couple_of(args: argparse.Namespace) -> CoupleOptions | None:
     """Settings of the held tool; None without --couple.   Errors: CreaseError for options that do not go together."""
-    if not args.couple:
-        for option, value in (
-            ("--friction", args.friction),
-            ("--stiffness-turn", args.stiffness_turn),
-        ):
-            if value is not None:
-                raise CreaseError(f"{option} is of a held tool; give --couple too")
+    couple = couple_options(args)
+    if couple is None:
         return None
     for option, name in _UNCOUPLED:
         if getattr(args, name) is not None:
             raise CreaseError(f"--couple has no {option}; leave it out")
     if args.output.suffix == ".mcap" or is_recording(args.path):
         raise CreaseError("--couple runs a path, CSV or NPZ, into a table, CSV or NPZ")
-    defaults = CoupleOptions()
-    turn = defaults.stiffness_Nm_rad if args.stiffness_turn is None else args.stiffness_turn
-    return CoupleOptions(stiffness_Nm_rad=turn, friction=args.friction or 0.0)
+    return couple
 
 
 _FAR = 10.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from crease.base.errors import BusError
 from crease.base.table import describe, read_table
-from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params
+from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params, WristParams
 from crease.verbs.common import SubParsers, add_json, number, print_either
 
 PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")
@@ -87,21 +87,30 @@ def parse_fault(text: str) -> Fault:
     return Fault(kind=kind, **values)
 
 
-def load_params(path: Path | None) -> Params:
-    """Parameters from a TOML file: keys of cr_sim_params, and tables axes.X, axes.Y, axes.Z.   Errors: BusError."""
+def load_device(path: Path | None) -> tuple[Params, WristParams]:
+    """Parameters from a TOML file: keys of cr_sim_params, tables axes.X, axes.Y, axes.Z, and for a held tool a table
+    wrist with keys of cr_sim_wrist_params.   Errors: BusError.
+    """
     if path is None:
-        return Params()
+        return Params(), WristParams()
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise BusError(f"{path}: cannot be read: {describe(error)}") from error
-    axes = values.pop("axes", {})
+    axes, wrist = values.pop("axes", {}), values.pop("wrist", {})
     if not isinstance(axes, dict) or not all(isinstance(axis, dict) for axis in axes.values()):
         raise BusError(f"{path}: axes must be tables: [axes.X] and so on")
+    if not isinstance(wrist, dict):
+        raise BusError(f"{path}: wrist must be a table: [wrist]")
     try:
-        return Params(axes=axes, **values)
+        return Params(axes=axes, **values), WristParams(**wrist)
     except BusError as error:
         raise BusError(f"{path}: {error}") from error
+
+
+def load_params(path: Path | None) -> Params:
+    """The same without the wrist, which is not on the bus.   Errors: BusError."""
+    return load_device(path)[0]
 
 
 def load_path(path: Path | None, period_s: float) -> F64 | None:
