@@ -12,6 +12,7 @@ import six_exact
 import six_paths
 import six_shapes as shapes
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from six_exact import Walls
 from six_paths import Path, through
 
@@ -158,7 +159,7 @@ def dropped() -> Path:
         [np.linspace(40.0, 18.0, 45), np.full(200, 18.0), np.linspace(18.0, 40.0, 220)]
     )
     at = np.column_stack([np.zeros((len(z), 2)), z])
-    quat = six_paths.Rotation.from_rotvec(np.tile(np.radians(turn), (len(z), 1)))
+    quat = Rotation.from_rotvec(np.tile(np.radians(turn), (len(z), 1)))
     return at, quat
 
 
@@ -170,7 +171,7 @@ def rested(slope_deg: float) -> Path:
     lay = up + s[:, None] * np.array([0.0, 0.0, 1.0])
     pull = lay[-1] + np.linspace(0.0, 1.0, 200)[1:, None] * np.array([0.0, 0.0, -2.0])
     at = np.concatenate([lay, pull, np.tile(pull[-1], (1000, 1))])
-    return at, six_paths.Rotation.from_rotvec(np.tile([0.0, a, 0.0], (len(at), 1)))
+    return at, Rotation.from_rotvec(np.tile([0.0, a, 0.0], (len(at), 1)))
 
 
 # -------------------------------------------------------------------------------------------------------------- scenes

@@ -20,6 +20,7 @@ import six_judge
 import six_report
 import six_run
 from crease.base.scene import Scene
+from crease.replay.trajectory import Trajectory
 from six_judge import MM, Case, Felt, Solids
 from six_report import Row
 from six_run import Coupled, run_coupled
@@ -53,7 +54,7 @@ def judge_scene(case: Case, scene: Scene, extent: Extent) -> list[Row]:
     solids = Solids(case.mesh("static"), case.mesh("tool"))
     goals, friction, path = case.spec["goals"], float(case.spec["friction"]), case.path
 
-    def run(along: six_judge.Trajectory) -> Felt:
+    def run(along: Trajectory) -> Felt:
         return run_coupled(scene, case.springs, along, friction)[0]
 
     felt, rows = run_coupled(scene, case.springs, path, friction, extent.repeat)
@@ -134,7 +135,7 @@ def judge_energy(case: Case, scene: Scene) -> list[Row]:
     found = []
     for friction in (0.0, 0.3):
 
-        def run(along: six_judge.Trajectory, friction: float = friction) -> Felt:
+        def run(along: Trajectory, friction: float = friction) -> Felt:
             return run_coupled(scene, case.springs, along, friction)[0]
 
         given = six_judge.loop_energy(case, run)

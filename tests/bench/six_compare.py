@@ -11,6 +11,8 @@ import six_judge
 import six_run
 from crease.base.scene import Scene
 from crease.lab.six_rivals import RIVALS
+from crease.replay.trajectory import Trajectory
+from scipy.spatial.transform import Rotation
 from six_judge import MM, Case, Felt, Run, Solids
 from six_report import number, table
 
@@ -24,8 +26,8 @@ OF_SCENE = (
     "force off, mm",
     "torque off, mm",
     "change at half the step",
+    "energy given",
 )
-OF_SCENE += ("energy given",)
 OF_ALL = ("pegs in", "let through", "tick, ms")
 PAGE = """
 ## Beside other methods
@@ -77,15 +79,15 @@ def method_of(name: str, scene: Scene, springs: tuple[float, float]) -> six_run.
     return six_run.Coupled(scene, springs) if name == OURS else RIVALS[name](scene, springs)
 
 
-def stroke_path(rng: np.random.Generator) -> six_judge.Trajectory:
+def stroke_path(rng: np.random.Generator) -> Trajectory:
     """A cube of 20 mm in any attitude at 1 m/s from 4 mm above a plate's top to 10 mm below it."""
     corners = 10e-3 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    turn = six_judge.Rotation.from_quat(rng.normal(size=4))
+    turn = Rotation.from_quat(rng.normal(size=4))
     low = float(turn.apply(corners)[:, 2].min())
     z = np.arange(-low + 4e-3, -low - 10e-3, -1e-3)
     at = np.column_stack([np.tile(rng.uniform(-8e-3, 8e-3, 2), (len(z), 1)), z])
     return six_judge.trajectory(
-        six_judge.poses(at, six_judge.Rotation.from_quat(np.tile(turn.as_quat(), (len(z), 1))))
+        six_judge.poses(at, Rotation.from_quat(np.tile(turn.as_quat(), (len(z), 1))))
     )
 
 

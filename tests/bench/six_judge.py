@@ -175,7 +175,7 @@ def felt_early_N(solids: Solids, path: Trajectory, wrench: F64) -> float:
     """The largest force before the hand's tool overlaps for the first time."""
     force = np.linalg.norm(wrench[:, :3], axis=1)
     most = 0.0
-    for i in np.flatnonzero(force > FELT_MIN_N):
+    for i in np.flatnonzero(force > FELT_MIN_N).tolist():
         if any(solids.touches(path.rows[k, 1:]) for k in (max(i - 1, 0), i)):
             break
         most = max(most, float(force[i]))

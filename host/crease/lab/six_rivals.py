@@ -28,6 +28,8 @@ TOUCH_M = 2e-5
 """A sample that is nearer is a contact of the god-object."""
 PASSED_M = 5e-6
 """What a god-object may be inside before its motion is cut."""
+FINE_M = 1e-8
+"""Nor deeper than it is, but for rounding."""
 PASSES, HALVINGS = 4, 14
 HARDER = 10.0
 """Stiffness of a sample's penalty, over the spring's."""
@@ -140,7 +142,7 @@ class GodObject(_Held):
             + np.linalg.norm(motion[3:]) / self.reach_m * self.field.radius_m
         )
         steps = max(1, int(np.ceil(4.0 * far / self.field.voxel_m)))
-        limit = min(start, 0.0) - PASSED_M
+        limit = min(start - FINE_M, -PASSED_M)
         for i in range(1, steps + 1):
             if self._least(i / steps * motion) < limit:
                 low, high = (i - 1) / steps, i / steps
@@ -171,7 +173,7 @@ class StaticCoupling(_Held):
         # Over the spring's stiffness: (1 + sum of rows) motion = apart + penalties.
         stiff = np.eye(6) + HARDER * rows.T @ rows
         push = HARDER * rows.T @ -phi[inside]
-        motion = np.linalg.solve(stiff, self._apart(hand, turn) + push)
+        motion = np.asarray(np.linalg.solve(stiff, self._apart(hand, turn) + push), np.float64)
         self.at, self.turn = self._moved(motion)
         felt = -self._apart(hand, turn)
         return self._wrench(felt), _joined(self.at, self.turn)
