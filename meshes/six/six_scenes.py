@@ -405,7 +405,7 @@ SCENES: dict[str, Scene] = {
             (200, (0.4, 0.0, 8), (0, 0, 0)),
             (1000, (0.4, 0.0, 8), (0, 0, 0)),
         ),
-        (1.0, 2.0),
+        (2.0, 2.0),
         17.3,
         formula=lambda path: np.hstack(
             [
@@ -425,7 +425,7 @@ SCENES: dict[str, Scene] = {
         lambda: shapes.table(15.0),
         shapes.cube,
         lambda: rested(15.0),
-        (1.0, 2.0),
+        (2.0, 2.0),
         17.3,
         friction=0.3,
         more={"rests": {"from_tick": 400, "moves_max_mm": 0.001}},

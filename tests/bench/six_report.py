@@ -37,10 +37,10 @@ HEAD = """# Six degrees of freedom, measured
 
     make bench-six                      # 15 minutes; writes this page and six.csv
 
-Scenes, paths and exact wrenches: [meshes/six](../../meshes/six/README.md); what is judged and how is said there. Where
-a goal is missed and why, as far as it is known: [couple/DESIGN.md](../../firmware/couple/DESIGN.md#not-there-yet). Inside
-is judged at every 4th tick, by hand at every 32nd. Energy below 0 is lost, not given: the goal says nothing of it.
-Ticks are the least of three runs; goals of their time are those of the peg and the cylinder. Not measured here: the
+Scenes, paths and exact wrenches: [meshes/six](../../meshes/six/README.md); what is judged and how is said there.
+Where goals are missed, and why where that is known: [DESIGN.md](../../firmware/couple/DESIGN.md#not-there-yet).
+Inside is judged at every 4th tick, by hand at every 32nd. Energy below 0 is lost, not given: the goal says nothing of
+it. Ticks are the least of three runs; goals of their time are those of the peg and the cylinder. Not measured here: the
 Cortex-M7, ten minutes at rest (here 1 s), strokes and hands with friction.
 """
 
