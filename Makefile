@@ -146,9 +146,13 @@ wheel: $(VENV)/.develop build/.npm ## source archive and wheel for any x86-64 Li
 build/.develop: build/.host $(VENV)/.develop
 	@touch $@
 
-meshes: build/meshes/.stamp ## the paper's objects and their trajectories, in build/meshes
+meshes: build/meshes/.stamp build/meshes/six/.stamp ## the paper's objects and their trajectories, in build/meshes; those of meshes/six
 
-build/meshes/.stamp: $(wildcard meshes/*) | $(VENV)/.stamp
+build/meshes/six/.stamp: $(wildcard meshes/six/*.*) | $(VENV)/.stamp
+	$(PY) meshes/six/make_six.py >/dev/null
+	@touch $@
+
+build/meshes/.stamp: $(wildcard meshes/*.*) | $(VENV)/.stamp
 	@mkdir -p build/meshes
 	$(PY) meshes/make.py
 	@touch $@
@@ -383,6 +387,9 @@ bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spo
 
 bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: build/bench/force
 	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o $(OUT)/bench/force $(if $(QUICK),--parts spanner)
+
+bench-six: build/.develop build/meshes/six/.stamp ## held tools of meshes/six by exact judges, beside rivals: tests/bench/SIX.md, 15 minutes
+	PYTHONPATH=tests/bench $(PY) tests/bench/six_bench.py $(if $(QUICK),--quick -o $(OUT)/six)
 
 # In its quick form a known jump is no failure of the target: tests/host/test_stress.py tells known violations from new ones.
 stress: build/.host ## 100,000 random cases against the tick, resumable: build/stress

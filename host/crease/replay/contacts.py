@@ -90,6 +90,17 @@ def tool_samples_m(scene: Scene) -> npt.NDArray[np.float64]:
     return np.stack([clusters[axis][used] for axis in "xyz"], axis=1).astype(np.float64)
 
 
+def tool_normals(scene: Scene) -> npt.NDArray[np.float64]:
+    """Outward normals of the samples of `tool_samples_m`, unit, tool frame, (n, 3); zero at corners and creases."""
+    clusters = _clusters(scene)
+    used = np.arange(LANES) < clusters["count"][:, None]
+    features = (clusters["vertex_mask"] | clusters["crease_mask"])[:, None] >> np.arange(LANES) & 1
+    areas = np.stack([clusters[axis][used] for axis in ("ax", "ay", "az")], axis=1)
+    length = np.linalg.norm(areas, axis=1, keepdims=True)
+    face = (features[used] == 0)[:, None] & (length > 0.0)
+    return np.where(face, areas / np.where(face, length, 1.0), 0.0).astype(np.float64)
+
+
 def _clusters(scene: Scene) -> npt.NDArray[Any]:
     size = int(scene.handle.cluster_count) * CLUSTER.itemsize
     return np.frombuffer(ffi.buffer(scene.handle.clusters, size), CLUSTER)
