@@ -47,3 +47,19 @@ def test_distance_sign_and_triangle_are_those_of_libigl(name: str) -> None:
     for point, triangle, distance in zip(points[::50], nearest[::50], theirs[::50], strict=True):
         alone = igl.point_mesh_squared_distance(point[None], corners, faces[triangle][None])[0]
         assert abs(np.sqrt(np.ravel(alone)[0]) - distance) <= TOLERANCE_M
+
+
+@pytest.mark.parametrize("name", ["featuretype", "u_tool"])
+def test_what_kept_distances_tell_is_what_a_search_says(name: str) -> None:
+    mesh = load_mesh(MESHES / f"{name}.stl", 1e-3)
+    surface = make_surface(mesh, 30.0)
+    points = near_and_far(mesh.vertices_m, mesh.triangles)
+    phi, _ = surface.signed_distance(points)
+    for limit_m in (0.0, 1e-4, -2e-3):
+        below = surface.below(limit_m, 16)
+        alone = np.array([below(point[None]) for point in points])
+        assert np.array_equal(alone, phi < limit_m)
+        assert 0.02 < alone.mean() < 0.9
+        inside = points[alone]
+        assert below(inside)
+        assert not below(np.concatenate([inside, points[~alone][:1]]))

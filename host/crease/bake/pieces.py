@@ -25,6 +25,8 @@ SIGHTS = (0.25, 0.5, 0.75)
 """Where on the way from one cluster to another it is asked whether the way is inside."""
 WITNESSES = 64
 """Of the clusters of a piece so many are asked whether they see a new one."""
+KNOWN_BOXES = 64
+"""Boxes along the longest side of a tool whose distances are kept: they tell of most ways that they are inside."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
 
@@ -49,20 +51,18 @@ def _agrees(centre: F64, normal: F64, i: int) -> Bools:
     return np.asarray(above <= RISE_MAX * far + 1e-12)
 
 
-Inside = Callable[[F64], Bools]
-"""Whether points (n, 3) are inside the tool, or nearly so."""
+Inside = Callable[[F64], bool]
+"""Whether all of some points (n, 3) are inside the tool, or nearly so."""
 
 
-def _sees(centre: F64, normal: F64, inset_m: float, inside: Inside, i: int, others: I64) -> Bools:
-    """Clusters to which straight lines from cluster i, a little below the surface, stay inside the tool."""
+def _sees(inner: F64, inside: Inside, i: int, others: I64) -> bool:
+    """Whether straight lines from cluster i to others stay inside the tool. Shapes: inner (n, 3), below the surface."""
     others = others[:: max(1, len(others) // WITNESSES)]
-    inner = centre - inset_m * normal
-    points = np.concatenate([inner[i] + t * (inner[others] - inner[i]) for t in SIGHTS])
-    return np.asarray(inside(points).reshape(len(SIGHTS), -1).all(axis=0))
+    return inside(np.concatenate([inner[i] + t * (inner[others] - inner[i]) for t in SIGHTS]))
 
 
 def _grow(
-    seed: int, centre: F64, normal: F64, beside: list[I64], inset_m: float, inside: Inside
+    seed: int, centre: F64, normal: F64, beside: list[I64], inner: F64, inside: Inside
 ) -> I64:
     """A piece round a cluster: what hangs together with it and agrees with all of it, nearest first."""
     member = np.zeros(len(centre), bool)
@@ -77,10 +77,7 @@ def _grow(
         ]
         front = []
         for i in found:
-            if (
-                allowed[i]
-                and _sees(centre, normal, inset_m, inside, int(i), np.flatnonzero(member)).all()
-            ):
+            if allowed[i] and _sees(inner, inside, int(i), np.flatnonzero(member)):
                 member[i] = True
                 allowed &= _agrees(centre, normal, int(i))
                 front.append(int(i))
@@ -96,11 +93,12 @@ def find_pieces(
 
     Shapes: centre, normal (clusters, 3); beside: for each cluster those beside it.
     """
+    inner = centre - inset_m * normal
     covered = np.zeros(len(centre), bool)
     pieces: list[I64] = []
     for seed in range(len(centre)):
         if not covered[seed]:
-            piece = _grow(seed, centre, normal, beside, inset_m, inside)
+            piece = _grow(seed, centre, normal, beside, inner, inside)
             covered[piece] = True
             pieces.append(piece)
     return pieces
@@ -117,10 +115,7 @@ def mark_pieces(
     points = position_m[np.concatenate(order)]
     centre = np.array([position_m[ids].mean(axis=0) for ids in order])
     reach_m = SLACK * spacing_m
-
-    def inside(places: F64) -> Bools:
-        return np.asarray(surface.signed_distance(places)[0] < reach_m)
-
+    inside = surface.below(reach_m, KNOWN_BOXES)
     beside = _beside(points, cluster, BESIDE * spacing_m)
     pieces = find_pieces(centre, normal.astype(np.float64), beside, reach_m, inside)
     out = np.full((len(order), 2), PIECE_NONE, np.int64)

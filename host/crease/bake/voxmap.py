@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,8 @@ PROBE_MARGIN = 0.4
 FEW = 13
 """Every so many probes are looked at first: most planes that do not agree are seen to by ten of them."""
 BRICKS_MAX = 1_000_000
+AT_ONCE = 256
+"""Bricks whose cells are looked at together: more than that leave the cache."""
 BLOCK = 16_384
 """Bricks whose points are in memory at once. Blocks of points start anew as those of threads do (surface.py)."""
 
@@ -90,6 +92,9 @@ class CellSorter:
         self._tolerance_m = tolerance_m
         self._by_patch = np.argsort(surface.facet_patch, kind="stable")
         patches = np.arange(surface.counts["patches"] + 1)
+        self._plain_kinds = np.full(
+            surface.counts["patches"] + len(surface.facet_patch), -1, np.int32
+        )
         self._patch_start = np.searchsorted(surface.facet_patch[self._by_patch], patches)
 
     def sort(self, where: npt.NDArray[np.int64], phi: F64, facet: I32, tick: Tick) -> I32:
@@ -97,15 +102,15 @@ class CellSorter:
 
         Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
         """
-        patch = self._surface.facet_patch[facet]
         shape = (len(where), CELLS_SIDE, CELLS_SIDE, CELLS_SIDE)
         result, mixed, close = (
             np.zeros(shape, np.int32),
             np.zeros(shape, bool),
             np.zeros(shape, bool),
         )
-        for i in range(len(where)):
-            result[i], mixed[i], close[i] = self._plain_cells(phi[i], facet[i], patch[i])
+        for first in range(0, len(where), AT_ONCE):
+            rows = slice(first, first + AT_ONCE)
+            result[rows], mixed[rows], close[rows] = self._plain_cells(phi[rows], facet[rows])
         hard = np.argwhere(close & self._widen(where, mixed))
         if len(hard):
             self._sort_creases(where, hard, result, tick)
@@ -115,42 +120,60 @@ class CellSorter:
         self, where: npt.NDArray[np.int64], mixed: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.bool_]:
         """The marked cells and their 26 neighbours, across bricks."""
-        room = np.array(self._grid.dims, np.int64) * CELLS_SIDE + 2
-        strides = np.array([1, room[0], room[0] * room[1]])
-        line = np.arange(CELLS_SIDE)
-        z, y, x = np.meshgrid(line, line, line, indexing="ij")
-        inner = np.stack([x, y, z], axis=-1)
-        keys = ((where[:, None, None, None, :] * CELLS_SIDE + inner + 1) * strides).sum(axis=-1)
-        step = np.arange(-1, 2)
-        steps = (step[:, None, None] * strides[2] + step[:, None] * strides[1] + step).reshape(-1)
-        wide = np.unique((keys[mixed][:, None] + steps).reshape(-1))
-        return np.isin(keys, wide)
+        result = np.zeros_like(mixed)
+        marked = np.flatnonzero(mixed.any(axis=(1, 2, 3)))
+        wide = np.pad(mixed[marked], ((0, 0), (1, 1), (1, 1), (1, 1)))
+        for axis in (1, 2, 3):
+            wide = np.pad(wide, [(int(k == axis),) * 2 for k in range(4)])
+            low, own, high = (np.take(wide, range(k, k + CELLS_SIDE + 2), axis) for k in range(3))
+            wide = low | own | high
+        dims = np.array(self._grid.dims, np.int64)
+        strides = np.array([1, dims[0], dims[0] * dims[1]])
+        keys = where @ strides
+        # What of a widened brick lies in the one before it, in itself, and in the one behind it.
+        mine = (slice(0, 1), slice(1, -1), slice(-1, None))
+        theirs = (slice(-1, None), slice(None), slice(0, 1))
+        for z, y, x in np.ndindex(3, 3, 3):
+            place = keys[marked] + np.array([x - 1, y - 1, z - 1]) @ strides
+            beside = np.minimum(np.searchsorted(keys, place), len(keys) - 1)
+            there = np.flatnonzero(keys[beside] == place)
+            part = wide[there, mine[z], mine[y], mine[x]]
+            result[beside[there], theirs[z], theirs[y], theirs[x]] |= part
+        return result
 
     def _plain_cells(
-        self, phi: F64, facet: I32, patch: I32
+        self, phi: F64, facet: I32
     ) -> tuple[I32, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-        """Cells of one brick by their corners: kinds, whether corners disagree on the patch, whether it is near."""
-        shape = (CELLS_SIDE,) * 3
-        corners_phi = np.abs(_corners(phi))
-        close = (
-            (corners_phi.min(axis=1) < self._grid.near_m + 0.87 * self._grid.voxel_m)
-            | (_corners(phi).min(axis=1) < 0.0)
-        ).reshape(shape)
-        if (facet == facet[0, 0, 0]).all():
-            return (
-                np.full(shape, self._plain(int(facet[0, 0, 0])), np.int32),
-                np.zeros(shape, bool),
-                close,
-            )
-        corners_facet, corners_patch = _corners(facet), _corners(patch)
-        rows = np.arange(CELLS_SIDE**3)
-        nearest = corners_phi.argmin(axis=1)
-        one_facet = (corners_facet == corners_facet[:, :1]).all(axis=1)
-        mixed = (corners_patch != corners_patch[:, :1]).any(axis=1)
-        keys = np.where(one_facet, corners_facet[rows, nearest], -1 - corners_patch[rows, nearest])
-        values, inverse = np.unique(keys, return_inverse=True)
-        table = np.array([self._plain(int(v)) for v in values], np.int32)
-        return table[inverse.reshape(-1)].reshape(shape), mixed.reshape(shape), close
+        """Cells of bricks by their corners: kinds, whether corners disagree on the patch, whether the cell is near."""
+        patch = self._surface.facet_patch[facet]
+        corners = zip(_corners(phi), _corners(facet), _corners(patch), strict=True)
+        value, first_facet, first_patch = next(corners)
+        least, lowest = np.abs(value), value
+        nearest_facet, nearest_patch = first_facet, first_patch
+        one_facet, mixed = np.ones(value.shape, bool), np.zeros(value.shape, bool)
+        for value, own_facet, own_patch in corners:
+            nearer = np.abs(value) < least
+            least, lowest = np.where(nearer, np.abs(value), least), np.minimum(value, lowest)
+            nearest_facet = np.where(nearer, own_facet, nearest_facet)
+            nearest_patch = np.where(nearer, own_patch, nearest_patch)
+            one_facet &= own_facet == first_facet
+            mixed |= own_patch != first_patch
+        close = (least < self._grid.near_m + 0.87 * self._grid.voxel_m) | (lowest < 0.0)
+        keys = np.where(one_facet, nearest_facet, -1 - nearest_patch)
+        return self._plain_of(keys), mixed, close
+
+    def _plain_of(self, keys: I32) -> I32:
+        """Kinds of cells by their keys (n, 8, 8, 8), new ones numbered brick by brick."""
+        place = keys.reshape(-1) + self._surface.counts["patches"]
+        kinds = self._plain_kinds[place]
+        if (kinds < 0).any():
+            fresh = np.flatnonzero(kinds < 0)
+            values, first = np.unique(keys.reshape(-1)[fresh], return_index=True)
+            for i in np.lexsort((values, fresh[first] // CELLS_SIDE**3)):
+                number = self._plain(int(values[i]))
+                self._plain_kinds[int(values[i]) + self._surface.counts["patches"]] = number
+            kinds = self._plain_kinds[place]
+        return np.asarray(kinds.reshape(keys.shape))
 
     def _facets_of(self, patch: int) -> npt.NDArray[np.int64]:
         return self._by_patch[self._patch_start[patch] : self._patch_start[patch + 1]]
@@ -243,13 +266,11 @@ class CellSorter:
         return tuple(rows)
 
 
-def _corners(samples: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Corner values of every cell of one brick, (cells, 8)."""
+def _corners(samples: npt.NDArray[Any]) -> Iterator[npt.NDArray[Any]]:
+    """Values at each of the eight corners of every cell of bricks, (n, 9, 9, 9) to (n, 8, 8, 8), x fastest."""
     n = CELLS_SIDE
-    parts = [
-        samples[z : z + n, y : y + n, x : x + n] for z in (0, 1) for y in (0, 1) for x in (0, 1)
-    ]
-    return np.stack([part.reshape(-1) for part in parts], axis=1)
+    for z, y, x in np.ndindex(2, 2, 2):
+        yield samples[:, z : z + n, y : y + n, x : x + n]
 
 
 def near_bricks(surface: Surface, grid: Grid) -> npt.NDArray[np.bool_]:

@@ -13,9 +13,11 @@ typedef struct {
 
 #define WIDE 8
 
+/* What a child holds lies in a box, and between two planes across its mean normal: on a fine curved surface these are much closer. */
 typedef struct {
     float low[3][WIDE], high[3][WIDE]; /* from the middle of the mesh */
-    int32_t child[WIDE];               /* a wide node, or -1 - slot of a triangle, or 0: none */
+    float normal[3][WIDE], under[WIDE], over[WIDE];
+    int32_t child[WIDE]; /* a wide node, or -1 - slot of a triangle, or 0: none */
 } wide_node;
 
 struct crb_mesh {

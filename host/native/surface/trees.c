@@ -5,6 +5,7 @@
 #include <stdlib.h>
 
 #define LEAF_MAX 4
+#define MEAN_LEAST 0.1 /* length of the mean of unit normals below which it is no direction */
 
 typedef struct {
     crb_mesh *m;
@@ -135,6 +136,31 @@ static void set_box(wide_node *w, int32_t lane, vec low, vec high, vec origin) {
     }
 }
 
+/* Two planes that hold the triangles of slots first..end - 1, across their mean normal; none, where they look all ways. */
+static void set_planes(const crb_mesh *m, wide_node *w, int32_t lane, int32_t first, int32_t end) {
+    vec sum = {0.0, 0.0, 0.0};
+    double area = 0.0;
+    for (int32_t slot = first; slot < end; slot++) {
+        const int32_t t = m->order[slot];
+        sum = add(sum, mul(m->normal[t], m->area[t]));
+        area += m->area[t];
+    }
+    /* Rounded to single precision it stays below length 1, so that no height is overstated. */
+    const vec n = norm(sum) > MEAN_LEAST * area ? mul(unit(sum), 1.0 - 1e-6) : (vec){0.0, 0.0, 0.0};
+    const vec along = {(double)(float)n.x, (double)(float)n.y, (double)(float)n.z};
+    double under = DBL_MAX, over = -DBL_MAX;
+    for (int64_t i = 3 * (int64_t)first; i < 3 * (int64_t)end; i++) {
+        const double height = dot(along, sub(m->corners[i], m->middle));
+        under = fmin(under, height);
+        over = fmax(over, height);
+    }
+    for (int a = 0; a < 3; a++) {
+        w->normal[a][lane] = (float)axis_of(n, a);
+    }
+    w->under[lane] = (float)under;
+    w->over[lane] = (float)over;
+}
+
 static int32_t build_wide(crb_mesh *m, int32_t root) {
     entry part[WIDE];
     const int32_t index = m->wide_count++, n = open_up(m, root, part);
@@ -142,11 +168,17 @@ static int32_t build_wide(crb_mesh *m, int32_t root) {
     for (int32_t lane = 0; lane < WIDE; lane++) {
         const double far = 1e18;
         set_box(w, lane, (vec){far, far, far}, (vec){far, far, far}, (vec){0.0, 0.0, 0.0});
+        for (int a = 0; a < 3; a++) {
+            w->normal[a][lane] = 0.0f;
+        }
+        w->under[lane] = w->over[lane] = 0.0f;
         w->child[lane] = 0;
     }
     for (int32_t lane = 0; lane < n; lane++) {
         if (part[lane].count > 0) {
-            set_box(w, lane, m->nodes[part[lane].index].low, m->nodes[part[lane].index].high, m->middle);
+            const node *own = &m->nodes[part[lane].index];
+            set_box(w, lane, own->low, own->high, m->middle);
+            set_planes(m, w, lane, own->first, own->first + own->count);
             w->child[lane] = build_wide(m, part[lane].index);
         } else {
             const vec *c = m->corners + 3 * (int64_t)part[lane].index;
@@ -154,6 +186,7 @@ static int32_t build_wide(crb_mesh *m, int32_t root) {
             grow(&low, &high, c[1]);
             grow(&low, &high, c[2]);
             set_box(w, lane, low, high, m->middle);
+            set_planes(m, w, lane, part[lane].index, part[lane].index + 1);
             w->child[lane] = -1 - part[lane].index;
         }
     }
