@@ -142,6 +142,7 @@ typedef struct {
 typedef struct {
     const void *image; /* of the scene that was looked in; null: not yet */
     cr_pose centre;    /* of the held tool then */
+    uint32_t ticks;    /* since then */
     float free_m;      /* no point of the tool that is not among the near ones was nearer */
     float pace_m;      /* how far its points were to go in the last tick, at most */
     uint32_t dropped;  /* samples that were near, and left out */

@@ -7,8 +7,14 @@
 /* Samples are looked for as far as the tool is likely to go until the next look, by what it went before; no less than MARGIN_MIN_M. */
 #define MARGIN_SHARE 1.5f
 #define MARGIN_MIN_M 5e-5f
-/* What was found round the held tool holds while no point of it is farther from where it was then, m. */
+/* And a little more, so that what was found is not used up at once, m. */
+#define MARGIN_MORE_M 3e-5f
+/* What was found round the held tool holds while no point of it is farther from where it was then, m; */
 #define SAME_PLACE_M 2e-6f
+/* for a few ticks it holds a little farther, in shares of a voxel: planes are what they were, and at rest it is looked at anew. */
+#define SAME_PLANES_VOXELS 0.05f
+#define SAME_PLANES_M 5e-5f
+#define SAME_PLANES_TICKS 4u
 /* Where the margin has too many samples it is halved, so often; then every second is left out, every fourth, and so on. */
 #define HALVINGS 3u
 #define GATHERS_MAX 10u
@@ -304,7 +310,8 @@ static float shorten(cr_coupled *c, const cr_scene *s, const cr_pose *from, cons
 static void look_round(cr_coupled *c, cr_couple_view *v, float margin_m) {
     c->found.centre = c->couple.held;
     const cr_pose tool = view_from(&c->couple, &c->found.centre, v);
-    v->margin_m = margin_m;
+    c->found.ticks = 0u;
+    v->margin_m = min_f(margin_m + MARGIN_MORE_M, v->trust_m);
     v->every = 1u;
     cr_couple_gather(v, &tool);
     for (uint32_t i = 1u; i < GATHERS_MAX && c->found.dropped > 0u; i++) {
@@ -312,6 +319,13 @@ static void look_round(cr_coupled *c, cr_couple_view *v, float margin_m) {
         v->every *= i <= HALVINGS ? 1u : 2u;
         cr_couple_gather(v, &tool);
     }
+}
+
+/* Whether what was found still holds at a motion from there, and for the way that samples are looked for now. */
+static int still_holds(const cr_couple_found *f, const cr_couple_view *v, float most_m, float margin_m) {
+    const float far_m = lower_f(SAME_PLANES_M, SAME_PLANES_VOXELS / STEP_VOXELS * v->trust_m);
+    return f->image == v->field->scene->meta && f->free_m - most_m >= margin_m / MARGIN_SHARE &&
+           (most_m <= SAME_PLACE_M || (most_m <= far_m && f->ticks < SAME_PLANES_TICKS));
 }
 
 /* One step.   Output  how far a point of the tool may have moved at most, m. */
@@ -323,7 +337,7 @@ static float step_held(cr_coupled *c, cr_couple_view *v, const cr_couple_tie *k,
     tool_motion m = motion_between(s, &c->couple, &c->found.centre, &from);
     uint32_t added = 1u;
     float share = 1.0f;
-    if (c->found.image != s->meta || !(m.most_m <= SAME_PLACE_M)) {
+    if (!still_holds(&c->found, v, m.most_m, margin_m)) {
         look_round(c, v, margin_m);
         m = motion_between(s, &c->couple, &from, &from);
     }
@@ -378,7 +392,7 @@ void cr_coupled_reset(cr_coupled *coupled) {
     f->centre = f->tool = coupled->couple.held;
     f->pace_m = f->free_m = 0.0f;
     f->slide_m = f->slide_lost_m = f->turn_rad = f->turn_lost_rad = 0.0f;
-    f->near_count = f->dropped = 0u;
+    f->near_count = f->dropped = f->ticks = 0u;
     memset(f->by_points, 0, sizeof f->by_points);
     coupled->contact_count = 0u;
     coupled->stats = none;
@@ -404,6 +418,7 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
     cr_couple_view v = {.field = &world->field, .found = &c->found};
     float moved = 1.0f, way_m = 0.0f, margin_m;
     v.trust_m = STEP_VOXELS * world->scene.meta->voxel_m;
+    c->found.ticks++;
     (void)view_from(&c->couple, &c->found.centre, &v);
     margin_m = margin_for(c->found.pace_m, v.trust_m);
     for (uint32_t i = 0; i < CR_COUPLE_STEPS_MAX && moved > STEP_ENOUGH_M && c->stats.descents < DESCENTS_MAX; i++) {

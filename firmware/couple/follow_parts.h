@@ -15,8 +15,9 @@ typedef struct {
     cr_vec3 middle; /* of the tool, world frame: near samples are told from there */
     float margin_m; /* samples that are so near are taken, and pieces of surface that reach so near */
     float trust_m;  /* a plane is taken for the surface for so long a way */
-    float slack_m, slack_far_m; /* against errors of the image near the surface, and anywhere, and against rounding; set here */
-    uint32_t every; /* of the near samples that are no corners one in so many is taken */
+    float slack_m,
+        slack_far_m; /* against errors of the image near the surface, and anywhere, and against rounding; set here */
+    uint32_t every;  /* of the near samples that are no corners one in so many is taken */
     uint32_t lookups;
 } cr_couple_view;
 

@@ -131,8 +131,7 @@ static void remember(cr_couple_found *f, const struct cr_img_group *g, uint32_t 
                      int by_points) {
     if (group < CR_COUPLE_GROUPS_MAX) {
         const uint32_t bit = 1u << lane, others = (uint32_t)f->by_points[group] & ~bit;
-        f->wake_m[group * CR_LANES + (uint32_t)lane] =
-            moved_below(f, g, lane) + higher_f(0.0f, clear_m) * CLEAR_SHARE;
+        f->wake_m[group * CR_LANES + (uint32_t)lane] = moved_below(f, g, lane) + higher_f(0.0f, clear_m) * CLEAR_SHARE;
         f->by_points[group] = (uint16_t)(by_points ? others | bit : others);
     }
 }

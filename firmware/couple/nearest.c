@@ -32,35 +32,27 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
                            cr_couple_lines *l) {
     const xform *m = &v->pose;
     const float far = v->trust_m + v->slack_m, flat2 = GRADIENT_MIN * GRADIENT_MIN;
-    float clear_m[CR_LANES], least_m = 1e4f;
-    for (int i = 0; i < CR_LANES; i++) {
-        const float phi = at->phi_m[i], loose = phi - c->ramp[i];
-        l->low_slope[i] = -c->ramp[i];
-        const float slack = phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m;
-        clear_m[i] = loose - slack;
-        if (CR_SCALAR && !(loose < far)) {
-            continue;
-        }
-        const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
-        const float scale = long2 > flat2 ? 1.0f / sqrtf(higher_f(long2, flat2)) : 0.0f;
-        const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
-        const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
-        const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
-        const float wx = c->wxx[i] * x + c->wxy[i] * y + c->wzx[i] * z;
-        const float wy = c->wxy[i] * x + c->wyy[i] * y + c->wyz[i] * z;
-        const float wz = c->wzx[i] * x + c->wyz[i] * y + c->wzz[i] * z;
-        const float reach = 0.5f * sqrtf(higher_f(0.0f, x * wx + y * wy + z * wz));
-        l->way_x[i] = wx;
-        l->way_y[i] = wy;
-        l->way_z[i] = wz;
-        l->low_slope[i] = loose < far ? -reach : -c->ramp[i];
-        clear_m[i] = loose < far && long2 > flat2 ? phi - reach - slack : loose - slack;
-    }
+    float least_m = 1e4f;
     for (uint32_t left = first_lanes(c->count); left != 0u;) {
         const int i = take_lane(&left);
-        const int point = has_lane(c->vertex_mask, i);
-        l->low_slope[i] = point ? 0.0f : l->low_slope[i];
-        least_m = lower_f(least_m, point ? at->phi_m[i] - v->slack_far_m : clear_m[i]);
+        const float phi = at->phi_m[i], ramp = has_lane(c->vertex_mask, i) ? 0.0f : c->ramp[i];
+        float down = ramp;
+        l->low_slope[i] = -ramp;
+        if (phi - ramp < far && ramp > 0.0f) {
+            const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
+            const float scale = long2 > flat2 ? 1.0f / sqrtf(long2) : 0.0f;
+            const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
+            const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
+            const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
+            const cr_vec3 way = spread_times(c, i, v3(x, y, z));
+            const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
+            l->way_x[i] = way.x;
+            l->way_y[i] = way.y;
+            l->way_z[i] = way.z;
+            l->low_slope[i] = -reach;
+            down = long2 > flat2 ? reach : ramp;
+        }
+        least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
     }
     return least_m;
 }
