@@ -115,19 +115,46 @@ void cr_couple_step(cr_couple *couple, const cr_pose *world_from_tool, float per
 #ifndef CR_COUPLE_NEAR_MAX
 #define CR_COUPLE_NEAR_MAX 2048u
 #endif
-#if CR_COUPLE_NEAR_MAX < 64u
-#error "CR_COUPLE_NEAR_MAX: a face on a face needs some tens of samples"
+#if CR_COUPLE_NEAR_MAX < 64u || CR_COUPLE_NEAR_MAX % 16u != 0u
+#error "CR_COUPLE_NEAR_MAX: a face on a face needs some tens of samples; a multiple of 16"
+#endif
+
+/* Groups of 16 spheres of the tool's tree of which is remembered how far off they were. Those beyond are looked at anew each time. 66 bytes each. */
+#ifndef CR_COUPLE_GROUPS_MAX
+#define CR_COUPLE_GROUPS_MAX 64u
+#endif
+#if CR_COUPLE_GROUPS_MAX < 1u
+#error "CR_COUPLE_GROUPS_MAX: the root at least"
 #endif
 
 /* Steps of the held tool in one tick, at most. */
 #define CR_COUPLE_STEPS_MAX 8u
 
-/* A sample of the tool near the obstacle, and one plane: it must stay on the side that it is on. World frame, from the middle of the held tool. */
+/* Sixteen samples of the tool near the obstacle, a plane each: it must stay on the side that it is on. World frame, from the middle of the held tool. */
 typedef struct {
-    cr_vec3 normal, arm_m;
-    float gap_m;
-    uint32_t key; /* of the sample and the plane */
+    float normal_x[CR_LANES], normal_y[CR_LANES], normal_z[CR_LANES];
+    float arm_x_m[CR_LANES], arm_y_m[CR_LANES], arm_z_m[CR_LANES];
+    float gap_m[CR_LANES];
+    uint32_t key[CR_LANES]; /* of the sample and the plane: they rise */
 } cr_couple_near;
+
+/* What is round the held tool: what was near where it was looked at last, and how far the tool may go before the rest has to be looked at. */
+typedef struct {
+    const void *image; /* of the scene that was looked in; null: not yet */
+    cr_pose centre;    /* of the held tool then */
+    uint32_t ticks;    /* since then */
+    float free_m;      /* no point of the tool that is not among the near ones was nearer */
+    float pace_m;      /* how far its points were to go in the last tick, at most */
+    uint32_t dropped;  /* samples that were near, and left out */
+    uint32_t near_count;
+    cr_couple_near near[CR_COUPLE_NEAR_MAX / CR_LANES];
+
+    /* How far the tool may have moved since a sphere was looked at: contact/DESIGN.md "Detect". */
+    cr_pose tool;
+    float slide_m, slide_lost_m, turn_rad, turn_lost_rad;
+    float wake_m[CR_COUPLE_GROUPS_MAX * CR_LANES];
+    uint16_t by_points[CR_COUPLE_GROUPS_MAX]; /* lanes whose samples were looked at, not their sphere */
+} cr_couple_found;
 
 /* Work done and trouble met in one tick. Plain counts, but for what is named otherwise. */
 typedef struct {
@@ -146,9 +173,9 @@ typedef struct {
 typedef struct {
     cr_couple couple;
     cr_couple_stats stats; /* of the last tick */
-    uint32_t contact_count, near_count;
+    uint32_t contact_count;
     cr_couple_contact contacts[CR_COUPLE_CONTACTS_MAX];
-    cr_couple_near near[CR_COUPLE_NEAR_MAX];
+    cr_couple_found found;
 } cr_coupled;
 
 /* Purpose  begin: no tool is held yet.   Output  *coupled.   Errors  as cr_couple_init. */

@@ -7,39 +7,70 @@
 #define FOOT_VOXELS 0.3f
 #define SAME_VOXELS 0.3f
 
+/* A gradient that is shorter tells no direction. */
+#define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
 #define LEAN_MIN_M 1e-6f
 /* Times that a least between two ends is looked for. */
 #define BETWEEN_MAX 2
 
-/* The way from the middle of each piece to its end, the way the distance falls, in one line. */
-typedef struct {
-    cr_vec3 way[CR_LANES];                                       /* tool frame */
-    float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES]; /* falls there */
-    float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
-} piece_lines;
+static cr_vec3 gradient_of(const cr_lookup *at, int i) {
+    return v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), GRADIENT_MIN);
+}
 
-static cr_vec3 gradient_of(const cr_lookup *at, int i) { return v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 0.1f); }
+static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
 
 /* On a piece at a share of its line: a face that bends falls away behind its plane. Tool frame. */
-static cr_vec3 on_piece(const struct cr_img_cluster *c, const piece_lines *l, int i, float share) {
-    const cr_vec3 p = v3_mad(v3(c->x[i], c->y[i], c->z[i]), l->way[i], share);
+static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
+    const cr_vec3 p = v3_mad(v3(c->x[i], c->y[i], c->z[i]), way_of(l, i), share);
     const cr_vec3 out = v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f);
     return v3_mad(p, out, -c->bow[i] * share * share);
 }
 
+/* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
+float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
+                           cr_couple_lines *l) {
+    const xform *m = &v->pose;
+    const float far = v->trust_m + v->slack_m, flat2 = GRADIENT_MIN * GRADIENT_MIN;
+    float least_m = 1e4f;
+    for (uint32_t left = first_lanes(c->count); left != 0u;) {
+        const int i = take_lane(&left);
+        const float phi = at->phi_m[i], ramp = has_lane(c->vertex_mask, i) ? 0.0f : c->ramp[i];
+        float down = ramp;
+        l->low_slope[i] = -ramp;
+        if (phi - ramp < far && ramp > 0.0f) {
+            const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
+            const float scale = long2 > flat2 ? 1.0f / sqrtf(long2) : 0.0f;
+            const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
+            const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
+            const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
+            const cr_vec3 way = spread_times(c, i, v3(x, y, z));
+            const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
+            l->way_x[i] = way.x;
+            l->way_y[i] = way.y;
+            l->way_z[i] = way.z;
+            l->low_slope[i] = -reach;
+            down = long2 > flat2 ? reach : ramp;
+        }
+        least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
+    }
+    return least_m;
+}
+
+/* Lines along which a piece may come near enough to be looked at. */
 static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
-                            uint32_t asked, piece_lines *l) {
-    uint32_t leaning = 0u;
+                            cr_couple_lines *l) {
+    uint32_t leaning = 0u, asked = first_lanes(c->count) & ~(uint32_t)c->vertex_mask;
     while (asked != 0u) {
         const int i = take_lane(&asked);
-        const cr_vec3 g = xform_unrotate(&v->pose, gradient_of(at, i));
-        const float reach = piece_reach(c, i, g);
+        const float reach = -l->low_slope[i];
         if (reach > LEAN_MIN_M && at->phi_m[i] - reach < v->margin_m + v->slack_m) {
-            l->way[i] = v3_scale(spread_times(c, i, g), -0.25f / reach);
+            const float scale = -0.25f / reach;
+            l->way_x[i] *= scale;
+            l->way_y[i] *= scale;
+            l->way_z[i] *= scale;
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
-            l->low_slope[i] = -reach;
             leaning |= 1u << i;
         }
     }
@@ -52,7 +83,7 @@ static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
     places->z[i] = p.z;
 }
 
-static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const piece_lines *l, uint32_t lanes,
+static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, uint32_t lanes,
                        const float *share, cr_lanes3 *place, cr_lookup *at) {
     for (int i = 0; i < CR_LANES; i++) {
         const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, l, i, share[i]) : v3(c->x[0], c->y[0], c->z[0]);
@@ -63,18 +94,18 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
 }
 
 /* Where two tangents of a line's distances meet: exact where a face comes to lie over an edge. */
-static float meet_tangents(const piece_lines *l, int i) {
+static float meet_tangents(const cr_couple_lines *l, int i) {
     const float steps = l->high[i] - l->low[i], less = l->low_slope[i] - l->high_slope[i];
     const float t = (l->high_phi[i] - l->low_phi[i] - l->high_slope[i] * steps) / less;
     return t > 0.0f && t < steps ? l->low[i] + t : l->low[i] + 0.5f * steps;
 }
 
 /* Where a lane's piece is nearer: its least between two ends has no normal along the line. */
-static void take_found(const cr_couple_view *v, const piece_lines *l, const cr_lookup *at, int i, int between,
+static void take_found(const cr_couple_view *v, const cr_couple_lines *l, const cr_lookup *at, int i, int between,
                        float *phi_m, cr_lanes3 *normal) {
     cr_vec3 n = gradient_of(at, i);
     if (between) {
-        const cr_vec3 along = xform_rotate(&v->pose, l->way[i]);
+        const cr_vec3 along = xform_rotate(&v->pose, way_of(l, i));
         const cr_vec3 across = v3_mad(n, along, -v3_dot(n, along) / v3_dot(along, along));
         n = v3_norm(across) > 0.1f ? v3_unit(across, 0.0f) : n;
     }
@@ -82,17 +113,16 @@ static void take_found(const cr_couple_view *v, const piece_lines *l, const cr_l
     put_place(normal, i, n);
 }
 
-static float slope_of(const cr_couple_view *v, const piece_lines *l, const cr_lookup *at, int i) {
-    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, l->way[i]));
+static float slope_of(const cr_couple_view *v, const cr_couple_lines *l, const cr_lookup *at, int i) {
+    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, way_of(l, i)));
 }
 
-uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, uint32_t asked,
+uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, cr_couple_lines *l,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
-    piece_lines l;
     cr_lookup there;
     cr_lanes3 found;
     float share[CR_LANES], phi_m[CR_LANES];
-    const uint32_t leaning = begin_lines(v, c, at, asked, &l);
+    const uint32_t leaning = begin_lines(v, c, at, l);
     uint32_t between = 0u;
     *nearer = 0u;
     if (leaning == 0u) {
@@ -101,39 +131,39 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
     for (int i = 0; i < CR_LANES; i++) {
         share[i] = 1.0f;
     }
-    look_up_at(v, c, &l, leaning, share, &found, &there);
+    look_up_at(v, c, l, leaning, share, &found, &there);
     for (uint32_t left = leaning; left != 0u;) {
         const int i = take_lane(&left);
-        const float slope = slope_of(v, &l, &there, i);
+        const float slope = slope_of(v, l, &there, i);
         phi_m[i] = at->phi_m[i];
         /* Where it falls to the end of a face's piece, what is nearest is another sample's: the pieces are no rectangles. */
         if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i]) {
-            take_found(v, &l, &there, i, 0, phi_m, normal);
+            take_found(v, l, &there, i, 0, phi_m, normal);
             put_place(place, i, lane_of(&found, i));
             *nearer |= 1u << i;
         }
-        l.high[i] = 1.0f;
-        l.high_phi[i] = there.phi_m[i];
-        l.high_slope[i] = slope;
+        l->high[i] = 1.0f;
+        l->high_phi[i] = there.phi_m[i];
+        l->high_slope[i] = slope;
         between |= (uint32_t)(slope > 0.0f) << i;
     }
     for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
         for (uint32_t left = between; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = meet_tangents(&l, i);
+            share[i] = meet_tangents(l, i);
         }
-        look_up_at(v, c, &l, between, share, &found, &there);
+        look_up_at(v, c, l, between, share, &found, &there);
         for (uint32_t left = between; left != 0u;) {
             const int i = take_lane(&left);
-            const float slope = slope_of(v, &l, &there, i);
-            float *end = slope > 0.0f ? l.high : l.low;
-            float *end_phi = slope > 0.0f ? l.high_phi : l.low_phi;
-            float *end_slope = slope > 0.0f ? l.high_slope : l.low_slope;
+            const float slope = slope_of(v, l, &there, i);
+            float *end = slope > 0.0f ? l->high : l->low;
+            float *end_phi = slope > 0.0f ? l->high_phi : l->low_phi;
+            float *end_slope = slope > 0.0f ? l->high_slope : l->low_slope;
             end[i] = share[i];
             end_phi[i] = there.phi_m[i];
             end_slope[i] = slope;
             if (there.phi_m[i] < phi_m[i]) {
-                take_found(v, &l, &there, i, 1, phi_m, normal);
+                take_found(v, l, &there, i, 1, phi_m, normal);
                 put_place(place, i, lane_of(&found, i));
                 *nearer |= 1u << i;
             }
@@ -193,6 +223,7 @@ void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3
         const cr_vec3 n = v3_from(f->normal);
         const float height = v3_dot(n, place) - f->offset_m;
         if (height >= v->margin_m + v->slack_m) {
+            v->found->free_m = lower_f(v->found->free_m, height - v->slack_m);
             continue;
         }
         if (!exact && (f->curved || height < -BEHIND_VOXELS * s->meta->voxel_m ||

@@ -372,7 +372,7 @@ static void more_samples_than_there_is_room_for_still_hold(void **state) {
     for (int i = 0; i < 40; i++) {
         const cr_pose hand = crt_pose(0.0, 0.0, HALF_M + 1e-3 - 1e-4 * i);
         cr_couple_tick(&coupled, fine.world, &hand, PERIOD_S, &out);
-        assert_true(coupled.near_count <= CR_COUPLE_NEAR_MAX && deepest_corner(1.0) < INSIDE_MAX);
+        assert_true(coupled.stats.near <= CR_COUPLE_NEAR_MAX && deepest_corner(1.0) < INSIDE_MAX);
     }
     assert_true(coupled.stats.dropped > 0u && fabsf(out.force_world_N.z - 5.8f) < 0.05f);
     crt_close(&fine);
