@@ -70,7 +70,9 @@ def measure(feet: int, delay_s: float | None, quick: bool) -> Row:
 def show(row: Row) -> str:
     """A row of the table of COUPLED_LOOP.md."""
     about = "" if row.about_Nm_rad is None else f"{row.about_Nm_rad:.1f}"
-    return f"| {row.delay_ms:g} ms | {row.feet} | {row.pressing:.0f} | {row.along_N_m:.0f} | {row.along_bound_N_m:.0f} | {about} | {row.about_bound_Nm_rad:.1f} |"
+    along = f"{row.along_N_m:.0f} | {row.along_bound_N_m:.0f}"
+    turning = f"{about} | {row.about_bound_Nm_rad:.1f}"
+    return f"| {row.delay_ms:g} ms | {row.feet} | {row.pressing:.0f} | {along} | {turning} |"
 
 
 def claims(rows: list[Row]) -> list[tuple[str, bool]]:
