@@ -3,8 +3,8 @@
     python tests/bench/loop_held.py [--json OUT] [--quick | --more]
 
 A plate on 1, 4 or 24 feet is pressed on a block and knocked (crease.loop.held): k_t along, k_r about roll and pitch, a
-period of delay as over the bus. It ends with one line for each claim, and fails when one does not hold. --more: delays
-of 0 and 2 ms, and the controller on.
+period of delay as over the bus, no controller. It ends with one line for each claim, and fails when one does not hold.
+--more: delays of 0 and 2 ms.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ class Row:
 
     feet: int
     delay_ms: float
-    controller: bool
     pressing: float
     along_N_m: float
     along_bound_N_m: float
@@ -49,9 +48,9 @@ class Row:
     about_bound_Nm_rad: float
 
 
-def measure(feet: int, delay_s: float | None, controller: bool, quick: bool) -> Row:
+def measure(feet: int, delay_s: float | None, quick: bool) -> Row:
     """Both springs for one number of feet."""
-    scene, setup = feet_scene(FOLDER, feet), held_setup(delay_s=delay_s, controller=controller)
+    scene, setup = feet_scene(FOLDER, feet), held_setup(delay_s=delay_s)
     ratio = RATIO_QUICK if quick else RATIO
     along, about = bound_along_N_m(setup), bound_about_Nm_rad(setup)
     about_found = None
@@ -60,7 +59,6 @@ def measure(feet: int, delay_s: float | None, controller: bool, quick: bool) -> 
     return Row(
         feet,
         1.0 if delay_s is None else 1e3 * delay_s,
-        controller,
         points_pressing(hold_held(scene, setup, 0.0, 0.0)),
         stable_along_N_m(scene, setup, LOW * along, HIGH * along, ratio),
         along,
@@ -72,15 +70,14 @@ def measure(feet: int, delay_s: float | None, controller: bool, quick: bool) -> 
 def show(row: Row) -> str:
     """A row of the table of COUPLED_LOOP.md."""
     about = "" if row.about_Nm_rad is None else f"{row.about_Nm_rad:.1f}"
-    return (
-        f"| {row.delay_ms:g} ms | {'on' if row.controller else 'off'} | {row.feet} | {row.pressing:.0f} "
-        f"| {row.along_N_m:.0f} | {row.along_bound_N_m:.0f} | {about} | {row.about_bound_Nm_rad:.1f} |"
-    )
+    along = f"{row.along_N_m:.0f} | {row.along_bound_N_m:.0f}"
+    turning = f"{about} | {row.about_bound_Nm_rad:.1f}"
+    return f"| {row.delay_ms:g} ms | {row.feet} | {row.pressing:.0f} | {along} | {turning} |"
 
 
 def claims(rows: list[Row]) -> list[tuple[str, bool]]:
-    """What COUPLED_LOOP.md says of the bus as it is, without the controller."""
-    plain = [row for row in rows if row.delay_ms == 1.0 and not row.controller]
+    """What COUPLED_LOOP.md says of the bus as it is."""
+    plain = [row for row in rows if row.delay_ms == 1.0]
     found = [row.along_N_m for row in plain]
     turning = [row.about_Nm_rad for row in plain if row.about_Nm_rad is not None]
     spread = max(found) / min(found)
@@ -99,17 +96,15 @@ def main() -> int:
     parser.add_argument("--json", metavar="OUT", type=Path)
     much = parser.add_mutually_exclusive_group()
     much.add_argument("--quick", action="store_true", help="k_t alone, to 5 %%")
-    much.add_argument("--more", action="store_true", help="other delays, and the controller on")
+    much.add_argument("--more", action="store_true", help="other delays")
     args = parser.parse_args()
-    ways: list[tuple[float | None, bool]] = [(None, False)]
-    if args.more:
-        ways += [(None, True), (0.0, False), (2e-3, False)]
+    delays: tuple[float | None, ...] = (None, 0.0, 2e-3) if args.more else (None,)
     print(machine())
-    print("| delay | controller | feet | press | k_t, N/m | bound | k_r, N m/rad | bound |")
+    print("| delay | feet | press | k_t, N/m | bound | k_r, N m/rad | bound |")
     rows = []
-    for delay_s, controller in ways:
+    for delay_s in delays:
         for feet in FEET:
-            rows.append(measure(feet, delay_s, controller, args.quick))
+            rows.append(measure(feet, delay_s, args.quick))
             print(show(rows[-1]), flush=True)
     found = claims(rows)
     for text, holds in found:

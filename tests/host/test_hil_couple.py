@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from crease.base.attitude import to_matrix
-from crease.base.errors import BusError, LoopError
+from crease.base.errors import BusError, LoopError, TableError
 from crease.base.scene import Scene
 from crease.base.table import read_table
 from crease.bus.drives import Fault, Params, Wrist, WristParams
 from crease.draw.plot_loop import draw_loop
+from crease.draw.view.page import Replay, path_of
 from crease.loop.handle import HandleSetup
 from crease.loop.held import (
     bound_along_N_m,
@@ -171,6 +172,8 @@ def test_command_writes_a_table_that_is_drawn_with_torque(
     figure = draw_loop(table, "held")
     assert [axes.get_ylabel() for axes in figure.axes][1] == "|torque|, N m"
     assert crease("plot", tmp_path / "out.csv", "-o", tmp_path / "out.png").status == 0
+    with pytest.raises(TableError, match="out: is of a held tool"):
+        path_of(Replay("out", table))
     assert crease(*held, "--delay", "2", "-o", tmp_path / "out2.npz").status == 0
     for words, text in (
         ([*line, "-o", tmp_path / "o.crr", "--friction", "0.3"], "--friction is of a held tool"),

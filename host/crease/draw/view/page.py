@@ -92,6 +92,10 @@ def path_of(replay: Replay) -> Trajectory:
         raise TableError(
             f"{replay.name}: no column {missing[0]}{more}: not a table of a replayed path; replay it"
         )
+    if "couple_late" in replay.table:
+        raise TableError(
+            f"{replay.name}: is of a held tool, whose contacts a page cannot find again; draw it with `crease plot`"
+        )
     columns = [np.asarray(replay.table[name]) for name in COLUMNS]
     if any(column.ndim != 1 or len(column) != len(columns[0]) for column in columns):
         raise TableError(f"{replay.name}: the columns are not of one length; replay it again")
