@@ -139,6 +139,33 @@ def test_the_inside_of_a_soup_is_where_it_winds(name: str) -> None:
     assert np.count_nonzero(wrong) <= 1e-3 * POINTS
 
 
+def copies(gap: float, holes: float, turn: float) -> tuple[Arrays, trimesh.Trimesh]:
+    """A ball and its copy `gap` beside it, a hole in each, their directions `turn` apart; and the ball as it was."""
+    whole = ball(radius=20.0)
+    other = whole.copy().apply_translation(gap * np.array([0.6, 0.7, 0.3]))
+    parts = []
+    for shell, angle in ((whole, 0.0), (other, turn)):
+        way = np.array([np.cos(angle), np.sin(angle), 0.3]) / np.hypot(1.0, 0.3)
+        kept = shell.triangles_center @ way < 20.0 * (1.0 - holes)
+        parts.append(trimesh.Trimesh(shell.vertices, shell.faces[kept], process=False))
+    return arrays(*parts), whole
+
+
+@pytest.mark.parametrize("gap", [1e-4, 1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("turn", [0.0, 0.3, 2.0])
+def test_a_shell_and_its_copy_a_little_beside_it_are_not_sewn_to_nothing(
+    gap: float, turn: float
+) -> None:
+    """Both with a hole: sewn at their rims, and one of them turned, they enclosed only what is between them."""
+    (vertices, triangles), whole = copies(gap, 0.3, turn)
+    mesh = make_mesh(vertices, triangles, 1e-3)
+    points = points_round(np.array(whole.vertices))
+    before = winding(np.array(whole.vertices), np.array(whole.faces), points) > 0.5
+    after = winding(1e3 * mesh.vertices_m, mesh.triangles, points) > 0.5
+    # Where both are open the cap is flat, and the ball bulges: 6 % of it.
+    assert np.count_nonzero(before != after) <= 0.1 * np.count_nonzero(before)
+
+
 def test_our_winding_number_is_that_of_libigl() -> None:
     vertices, triangles = holed_ball()
     points = points_round(vertices)

@@ -17,6 +17,11 @@ from crease.mesh.topology import Triangles, Vertices
 
 F64 = npt.NDArray[np.float64]
 
+FOLD = 0.5
+"""Cosine between two triangles at one edge, seen along it, from which on they lie on each other when both are wound the
+same way: a copy of a surface, a little beside it, is no part of it that goes on behind a gap. Sewn to its rim it would
+leave nothing between the two. Knives and thin walls are wound in opposite ways."""
+
 BOW_SHARE = 0.2
 """How far a rim may leave its plane, as a share of the square root of its area, to be capped as a polygon."""
 
@@ -49,8 +54,48 @@ def sew(vertices: Vertices, triangles: Triangles, reach_m: float) -> tuple[Trian
     _, leader = np.unique(group, return_index=True)
     target = np.arange(len(vertices))
     target[loose] = loose[leader[group]]
+    _keep_folded_apart(vertices, triangles, loose_edges, target)
     moved = int(np.count_nonzero(target != np.arange(len(vertices))))
     return target[triangles].astype(np.int32), moved
+
+
+def _inward(
+    vertices: Vertices, triangles: Triangles, edges: npt.NDArray[np.int64]
+) -> tuple[F64, F64]:
+    """Of edges (indices into 3 m): their direction, and across it to the third corner of the triangle; unit, (n, 3)."""
+    start, end = topology.directed_edges(triangles)
+    tail = vertices[start[edges]]
+    along = vertices[end[edges]] - tail
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    inward = vertices[triangles[edges // 3, (edges + 2) % 3]] - tail
+    inward = inward - np.einsum("nx,nx->n", inward, along)[:, None] * along
+    return along, inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
+
+
+def _keep_folded_apart(
+    vertices: Vertices,
+    triangles: Triangles,
+    edges: npt.NDArray[np.int64],
+    target: npt.NDArray[np.int64],
+) -> None:
+    """Takes back what of a sewing (target of each vertex) would make one edge of two with triangles on each other."""
+    start, end = topology.directed_edges(triangles)
+    tail, head = start[edges], end[edges]
+    _, inward = _inward(vertices, triangles, edges)
+    count = len(vertices)
+    own = np.minimum(tail, head) * count + np.maximum(tail, head)
+    while True:
+        low, high = np.minimum(target[tail], target[head]), np.maximum(target[tail], target[head])
+        code = np.where(low == high, -1 - np.arange(len(edges)), low * count + high)
+        order = np.argsort(code, kind="stable")
+        one, two = order[:-1], order[1:]
+        fold = (code[one] == code[two]) & (own[one] != own[two])
+        fold &= target[tail[one]] == target[tail[two]]
+        fold &= np.einsum("nx,nx->n", inward[one], inward[two]) > FOLD
+        apart = np.unique(np.concatenate([e[k[fold]] for e in (tail, head) for k in (one, two)]))
+        if len(apart) == 0 or (target[apart] == apart).all():
+            return
+        target[apart] = apart
 
 
 def split_edges(vertices: Vertices, triangles: Triangles, reach_m: float) -> tuple[Triangles, int]:
@@ -65,6 +110,8 @@ def split_edges(vertices: Vertices, triangles: Triangles, reach_m: float) -> tup
         return triangles, 0
     cuts: dict[int, list[tuple[int, list[int]]]] = defaultdict(list)
     edge, on = _vertices_on(vertices, loose, start[open_edges], end[open_edges], reach_m)
+    folded = _on_folds(vertices, triangles, open_edges, edge, on)
+    edge, on = edge[~folded], on[~folded]
     taken = len(on)
     if taken == 0:
         return triangles, 0
@@ -76,6 +123,29 @@ def split_edges(vertices: Vertices, triangles: Triangles, reach_m: float) -> tup
     whole[list(cuts)] = False
     pieces = [piece for t, sides in cuts.items() for piece in _fan(triangles[t], sides, vertices)]
     return np.concatenate([triangles[whole], np.array(pieces, np.int32)]), taken
+
+
+def _on_folds(
+    vertices: Vertices,
+    triangles: Triangles,
+    edges: npt.NDArray[np.int64],
+    edge: npt.NDArray[np.int64],
+    on: npt.NDArray[np.int64],
+) -> npt.NDArray[np.bool_]:
+    """Which vertices `on` edges[edge] end an open edge along it, wound alike, with triangles on each other."""
+    start, end = topology.directed_edges(triangles)
+    along, inward = _inward(vertices, triangles, edges)
+    ends = np.concatenate([start[edges], end[edges]])
+    owner = np.tile(np.arange(len(edges)), 2)
+    order = np.argsort(ends, kind="stable")
+    first = np.searchsorted(ends[order], on)
+    many = np.searchsorted(ends[order], on, side="right") - first
+    asked = np.repeat(np.arange(len(on)), many)
+    rank = np.arange(len(asked)) - np.repeat(np.cumsum(many) - many, many)
+    other = owner[order][np.repeat(first, many) + rank]
+    beside = np.einsum("nx,nx->n", along[edge[asked]], along[other]) > FOLD
+    beside &= np.einsum("nx,nx->n", inward[edge[asked]], inward[other]) > FOLD
+    return np.bincount(asked, weights=beside, minlength=len(on)) > 0
 
 
 def is_apart(vertices: Vertices, triangles: Triangles, reach_m: float) -> bool:

@@ -63,6 +63,9 @@ def unbalanced_edges(triangles: Triangles, vertex_count: int) -> Indices:
     """Edges (of 3 m) whose direction occurs more often than its reverse. None: closed and consistently oriented."""
     start, end = directed_edges(triangles)
     forward = start * vertex_count + end
+    # Sorted numbers alone take a fifth of the time, and most meshes are closed.
+    if np.array_equal(np.sort(forward), np.sort(end * vertex_count + start)):
+        return np.zeros(0, np.int64)
     codes, inverse, counts = np.unique(forward, return_inverse=True, return_counts=True)
     reverse = (codes % vertex_count) * vertex_count + codes // vertex_count
     place = np.searchsorted(codes, reverse)
