@@ -181,9 +181,9 @@ static uint32_t find_idle(const cr_coupled *c) {
 
 /* The deepest sample of each corner of the tool of those that pass their planes. */
 typedef struct {
-    near_sample at[CORNERS];
-    float gap_m[CORNERS]; /* 0: none */
-    float share;          /* how far the motion may be made: 1 where none passes */
+    near_sample at[CORNERS]; /* without a block: none */
+    float gap_m[CORNERS];
+    float share; /* how far the motion may be made: 1 where none passes */
 } passed_samples;
 
 static void note_passed(const near_sample n, float gap_m, float before_m, float limit_m, passed_samples *p) {
@@ -232,7 +232,7 @@ static float ask_passed(cr_coupled *c, const cr_couple_view *v, const carrier *b
     find_passed(c, before, after, &p);
     *added = 0u;
     for (int k = 0; k < CORNERS && may_add; k++) {
-        if (p.gap_m[k] < 0.0f) {
+        if (p.at[k].block != NULL) {
             const uint32_t at = c->contact_count < CR_COUPLE_CONTACTS_MAX ? c->contact_count++ : find_idle(c);
             if (at < CR_COUPLE_CONTACTS_MAX) {
                 make_contact(v, p.at[k], &c->contacts[at]);
@@ -291,18 +291,15 @@ static float shorten(cr_coupled *c, const cr_scene *s, const cr_pose *from, cons
     const float limit = PASSED_M + max_f(PASSED_M, PASSED_SHARE * deepest_contact(c));
     const tool_motion first = motion_between(s, &c->couple, &c->found.centre, from);
     const carrier before = carrier_of(&first);
-    for (uint32_t i = 0; i < SHARES_MAX; i++) {
+    uint32_t halved = 0u;
+    for (int deep = 1; deep;) {
         const tool_motion part = share_of_motion(step, share);
         make_share(s, &c->couple, from, &part);
         const tool_motion m = motion_between(s, &c->couple, &c->found.centre, &c->couple.held);
         const carrier after = carrier_of(&m);
-        if (deepest_near(&c->found, &before, &after) <= limit) {
-            return share;
-        }
-        share *= 0.5f;
+        deep = halved++ < SHARES_MAX && deepest_near(&c->found, &before, &after) > limit;
+        share *= deep ? 0.5f : 1.0f;
     }
-    const tool_motion part = share_of_motion(step, share);
-    make_share(s, &c->couple, from, &part);
     return share;
 }
 

@@ -1,9 +1,9 @@
 """Time of the tick with a held tool: percentiles over the ticks in contact of a few scenes.
 
-    python tests/bench/couple.py [--scene NAME] [--repeat N]      # make bench-couple
+    python tests/bench/couple.py [--scene NAME] [--repeat N]
 
-Each path is run several times, and the least time of each tick counts, so that the machine's other work does not. What is
-looked up: lookups of 16 points in a tick; planes: those of near samples at its end.
+Each path is run several times, and the least time of each tick counts, so that the machine's other work does not.
+Looked: lookups of 16 points in a tick, median and p99; planes: those of near samples at its end.
 """
 
 from __future__ import annotations
@@ -52,7 +52,9 @@ def peg() -> Any:
 def scene_of(static: Any, tool: Any, spacing_mm: float, voxel_mm: float) -> Scene:
     """Baked."""
     meshes = [
-        make_mesh(np.asarray(s.to_mesh().vert_properties[:, :3], float), s.to_mesh().tri_verts, 1e-3)
+        make_mesh(
+            np.asarray(s.to_mesh().vert_properties[:, :3], float), s.to_mesh().tri_verts, 1e-3
+        )
         for s in (static, tool)
     ]
     return bake(*meshes, spacing_m=1e-3 * spacing_mm, voxel_m=1e-3 * voxel_mm)
@@ -83,14 +85,18 @@ def edges_path() -> Trajectory:
     """A cylinder that lies, turned in plan, drawn over the top of a cube and its edges, 2 mm deep."""
     along = np.linspace(-45, 45, 2000)
     at_mm = np.column_stack([along, 3 * np.sin(along / 7), np.full(len(along), 38.0)])
-    lean = np.column_stack([0.1 * np.sin(along / 5), np.full(len(along), 0.02), 0.3 * np.sin(along / 9)])
+    lean = np.column_stack(
+        [0.1 * np.sin(along / 5), np.full(len(along), 0.02), 0.3 * np.sin(along / 9)]
+    )
     return path_of(at_mm, Rotation.from_rotvec(lean) * Rotation.from_rotvec([np.pi / 2, 0, 0]))
 
 
 def face_path(half_mm: float) -> Trajectory:
     """A cube set down on its face, pushed about and turned there."""
     a = np.linspace(0, 2 * np.pi, 2000)
-    at_mm = np.column_stack([8 * np.sin(a), 5 * np.sin(2 * a), half_mm + 1 - 3 * np.sin(a / 2) ** 2])
+    at_mm = np.column_stack(
+        [8 * np.sin(a), 5 * np.sin(2 * a), half_mm + 1 - 3 * np.sin(a / 2) ** 2]
+    )
     lean = np.column_stack([0.03 * np.sin(3 * a), 0.03 * np.sin(2 * a), 0.3 * np.sin(a)])
     return path_of(at_mm, Rotation.from_rotvec(lean))
 
@@ -122,8 +128,13 @@ CASES = {
         lambda: scene_of(box(60, 60, 60), cylinder(60, 10, 10).translate([0, 0, -30]), 2.0, 1.0),
         lambda: [edges_path()],
     ),
-    "plate": Case(lambda: scene_of(box(60, 60, 1), box(20, 20, 20), 2.0, 1.0), lambda: [stroke_path()]),
-    "face": Case(lambda: scene_of(box(90, 90, 20).translate([0, 0, -10]), box(60, 60, 60), 2.0, 2.0), lambda: [face_path(30)]),
+    "plate": Case(
+        lambda: scene_of(box(60, 60, 1), box(20, 20, 20), 2.0, 1.0), lambda: [stroke_path()]
+    ),
+    "face": Case(
+        lambda: scene_of(box(90, 90, 20).translate([0, 0, -10]), box(60, 60, 60), 2.0, 2.0),
+        lambda: [face_path(30)],
+    ),
 }
 
 

@@ -89,6 +89,10 @@ def imports(package: Path, file: Path) -> Iterator[str]:
                 yield f"crease.{a.name}" if is_module or a.name in PYTHON_ROOMS else "crease"
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("crease."):
             yield str(node.module)
+        elif isinstance(node, ast.JoinedStr) and isinstance(node.values[0], ast.Constant):
+            first = str(node.values[0].value)
+            if first.startswith("crease.") and first.endswith("."):  # import_module(f"crease.room.{name}")
+                yield first.removesuffix(".")
 
 
 def python_arrows(root: Path) -> Iterator[tuple[Path, str, str]]:
