@@ -333,6 +333,13 @@ def test_unlikely_unit_gets_a_warning() -> None:
     assert "unit mm (52 mm)" in mesh.warnings[0]
 
 
+def test_a_mesh_far_from_its_origin_is_refused_before_any_work() -> None:
+    vertices, triangles = box()
+    make_mesh(vertices + 900.0, triangles)
+    with pytest.raises(MeshError, match=r"lies .* from its origin, more than 1 km"):
+        make_mesh(vertices + 2000.0, triangles)
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_coordinates_that_are_not_finite_are_refused(bad: float) -> None:
     vertices, triangles = box()

@@ -34,6 +34,9 @@ TRIANGLES_MAX = 20_000_000
 SIZE_MIN_M, SIZE_MAX_M = 1e-3, 100.0
 """A box diagonal outside is refused as a wrong unit."""
 
+FAR_M = 1000.0
+"""Coordinates beyond are refused: single precision, which images have, keeps 0.1 mm of them."""
+
 LIKELY_MIN_M, LIKELY_MAX_M = 5e-3, 10.0
 """A box diagonal outside gets a warning."""
 
@@ -274,6 +277,11 @@ def _check_size(points_m: npt.NDArray[np.float64], unit_m: float, source: str) -
     if not SIZE_MIN_M <= diagonal_m <= SIZE_MAX_M:
         raise MeshError(
             f"{source}: is {format_length(diagonal_m)} across in this unit, outside 1 mm..100 m; {mend}"
+        )
+    away_m = float(np.abs(points_m).max())
+    if away_m > FAR_M:
+        raise MeshError(
+            f"{source}: lies {format_length(away_m)} from its origin, more than 1 km; move it there and export it again"
         )
     if not LIKELY_MIN_M <= diagonal_m <= LIKELY_MAX_M:
         return [f"is {format_length(diagonal_m)} across in this unit; if that is wrong, {mend}"]
