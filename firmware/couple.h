@@ -56,8 +56,9 @@ typedef struct {
         inside_m; /* of its deepest point behind a contact's plane, in a tick behind that of any near sample; 0: none is */
     float
         unsettled_m; /* what the last step of the descent still moved; above 1e-7 its work ran out, the next period goes on */
-    uint32_t faults;     /* latched */
-    uint32_t pressing;   /* points that press; 0: the wrench is zero */
+    uint32_t faults; /* latched */
+    uint32_t
+        pressing; /* points that press; 0: the wrench is zero. A tick that was cut short on the way tells those of the tick before */
     uint32_t iterations; /* of the descent, at most CR_COUPLE_ITERATIONS_MAX */
 } cr_couple_output;
 #define CR_COUPLE_ITERATIONS_MAX 24u
@@ -173,6 +174,7 @@ typedef struct {
 typedef struct {
     cr_couple couple;
     cr_couple_stats stats; /* of the last tick */
+    uint32_t pressed;      /* points that pressed in it */
     uint32_t contact_count;
     cr_couple_contact contacts[CR_COUPLE_CONTACTS_MAX];
     cr_couple_found found;

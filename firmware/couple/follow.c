@@ -391,7 +391,7 @@ void cr_coupled_reset(cr_coupled *coupled) {
     f->slide_m = f->slide_lost_m = f->turn_rad = f->turn_lost_rad = 0.0f;
     f->near_count = f->dropped = f->ticks = 0u;
     memset(f->by_points, 0, sizeof f->by_points);
-    coupled->contact_count = 0u;
+    coupled->contact_count = coupled->pressed = 0u;
     coupled->stats = none;
 }
 
@@ -408,7 +408,7 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
     c->stats = none;
     const uint32_t none_to_look_in = world == NULL ? CR_COUPLE_FAULT_CONTACT : 0u;
     if (!cr_couple_accept(&c->couple, world_from_tool, period_s, none_to_look_in, &k, out) || world == NULL) {
-        c->contact_count = c->found.near_count = 0u;
+        c->contact_count = c->found.near_count = c->pressed = 0u;
         c->found.image = NULL;
         return;
     }
@@ -429,5 +429,8 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
     c->stats.lookups = v.lookups;
     c->stats.near = c->found.near_count;
     c->stats.contacts = c->contact_count;
+    /* On its way from contact to contact it is held no less than it was: what it comes to is the next tick's to tell. */
+    out->pressing = out->pressing == 0u && c->stats.left_m > STEP_ENOUGH_M ? c->pressed : out->pressing;
     cr_couple_answer(&c->couple, &k, &last, out);
+    c->pressed = out->pressing;
 }

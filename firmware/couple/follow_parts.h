@@ -30,6 +30,7 @@ typedef struct {
     float way_x[CR_LANES], way_y[CR_LANES], way_z[CR_LANES]; /* tool frame */
     float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES];
     float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
+    cr_lanes3 low_gradient, high_gradient; /* world frame */
 } cr_couple_lines;
 
 /* Purpose  lines of a cluster's pieces.   Shapes  at: what was looked up at its samples.

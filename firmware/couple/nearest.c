@@ -18,6 +18,12 @@ static cr_vec3 gradient_of(const cr_lookup *at, int i) {
     return v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), GRADIENT_MIN);
 }
 
+static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
+    places->x[i] = p.x;
+    places->y[i] = p.y;
+    places->z[i] = p.z;
+}
+
 static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
 
 /* On a piece at a share of its line: a face that bends falls away behind its plane. Tool frame. */
@@ -71,16 +77,11 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
             l->way_z[i] *= scale;
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
+            put_place(&l->low_gradient, i, gradient_of(at, i));
             leaning |= 1u << i;
         }
     }
     return leaning;
-}
-
-static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
-    places->x[i] = p.x;
-    places->y[i] = p.y;
-    places->z[i] = p.z;
 }
 
 static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, uint32_t lanes,
@@ -100,15 +101,16 @@ static float meet_tangents(const cr_couple_lines *l, int i) {
     return t > 0.0f && t < steps ? l->low[i] + t : l->low[i] + 0.5f * steps;
 }
 
-/* Where a lane's piece is nearer: its least between two ends has no normal along the line. */
-static void take_found(const cr_couple_view *v, const cr_couple_lines *l, const cr_lookup *at, int i, int between,
-                       float *phi_m, cr_lanes3 *normal) {
-    cr_vec3 n = gradient_of(at, i);
-    if (between) {
-        const cr_vec3 along = xform_rotate(&v->pose, way_of(l, i));
-        const cr_vec3 across = v3_mad(n, along, -v3_dot(n, along) / v3_dot(along, along));
-        n = v3_norm(across) > 0.1f ? v3_unit(across, 0.0f) : n;
-    }
+/* The normal at a least between two ends: of all directions between their gradients the one that does not lean along the line. Where two edges cross it is at right
+ * angles to both; either gradient less its part along the line is not. */
+static cr_vec3 level_between(const cr_couple_lines *l, int i) {
+    const cr_vec3 low = lane_of(&l->low_gradient, i), high = lane_of(&l->high_gradient, i);
+    const cr_vec3 n = v3_mad(v3_scale(low, l->high_slope[i]), high, -l->low_slope[i]);
+    return v3_unit(n, 0.0f);
+}
+
+/* Where a lane's piece is nearer. */
+static void take_found(const cr_lookup *at, int i, cr_vec3 n, float *phi_m, cr_lanes3 *normal) {
     phi_m[i] = at->phi_m[i];
     put_place(normal, i, n);
 }
@@ -138,13 +140,14 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
         phi_m[i] = at->phi_m[i];
         /* Where it falls to the end of a face's piece, what is nearest is another sample's: the pieces are no rectangles. */
         if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i]) {
-            take_found(v, l, &there, i, 0, phi_m, normal);
+            take_found(&there, i, gradient_of(&there, i), phi_m, normal);
             put_place(place, i, lane_of(&found, i));
             *nearer |= 1u << i;
         }
         l->high[i] = 1.0f;
         l->high_phi[i] = there.phi_m[i];
         l->high_slope[i] = slope;
+        put_place(&l->high_gradient, i, gradient_of(&there, i));
         between |= (uint32_t)(slope > 0.0f) << i;
     }
     for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
@@ -162,8 +165,9 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
             end[i] = share[i];
             end_phi[i] = there.phi_m[i];
             end_slope[i] = slope;
+            put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
             if (there.phi_m[i] < phi_m[i]) {
-                take_found(v, l, &there, i, 1, phi_m, normal);
+                take_found(&there, i, level_between(l, i), phi_m, normal);
                 put_place(place, i, lane_of(&found, i));
                 *nearer |= 1u << i;
             }
