@@ -192,7 +192,7 @@ static void note_passed(const near_sample n, float gap_m, float before_m, float 
     if (gap_m < before_m - PASSED_M) { /* it is not so deep yet */
         p->share = min_f(p->share, max_f(0.0f, before_m - limit_m) / (before_m - gap_m));
     }
-    if (gap_m < p->gap_m[corner]) {
+    if (gap_m <= p->gap_m[corner]) { /* of those that are as deep the last: creases and corners come after faces */
         p->at[corner] = n;
         p->gap_m[corner] = gap_m;
     }

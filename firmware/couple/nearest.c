@@ -103,10 +103,11 @@ static float meet_tangents(const cr_couple_lines *l, int i) {
 
 /* The normal at a least between two ends: of all directions between their gradients the one that does not lean along the line. Where two edges cross it is at right
  * angles to both; either gradient less its part along the line is not. */
-static cr_vec3 level_between(const cr_couple_lines *l, int i) {
+static cr_vec3 level_between(const cr_couple_lines *l, int i, cr_vec3 there) {
     const cr_vec3 low = lane_of(&l->low_gradient, i), high = lane_of(&l->high_gradient, i);
     const cr_vec3 n = v3_mad(v3_scale(low, l->high_slope[i]), high, -l->low_slope[i]);
-    return v3_unit(n, 0.0f);
+    const float size = l->high_slope[i] - l->low_slope[i];
+    return v3_norm(n) > GRADIENT_MIN * size ? v3_unit(n, 0.0f) : there;
 }
 
 /* Where a lane's piece is nearer. */
@@ -138,12 +139,6 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
         const int i = take_lane(&left);
         const float slope = slope_of(v, l, &there, i);
         phi_m[i] = at->phi_m[i];
-        /* Where it falls to the end of a face's piece, what is nearest is another sample's: the pieces are no rectangles. */
-        if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i]) {
-            take_found(&there, i, gradient_of(&there, i), phi_m, normal);
-            put_place(place, i, lane_of(&found, i));
-            *nearer |= 1u << i;
-        }
         l->high[i] = 1.0f;
         l->high_phi[i] = there.phi_m[i];
         l->high_slope[i] = slope;
@@ -167,7 +162,7 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
             end_slope[i] = slope;
             put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
             if (there.phi_m[i] < phi_m[i]) {
-                take_found(&there, i, level_between(l, i), phi_m, normal);
+                take_found(&there, i, level_between(l, i, gradient_of(&there, i)), phi_m, normal);
                 put_place(place, i, lane_of(&found, i));
                 *nearer |= 1u << i;
             }

@@ -25,6 +25,8 @@ _VECTORS = {"cr_vec3": 3, "cr_quat": 4}
 def _type_of(kind: Any) -> np.dtype[Any]:
     if kind.kind == "array":
         return np.dtype((_type_of(kind.item), (kind.length,)))
+    if kind.kind == "pointer":
+        return np.dtype(np.uintp)
     if kind.cname in _VECTORS:
         return np.dtype(("<f4", (_VECTORS[kind.cname],)))
     return record(kind.cname) if kind.kind == "struct" else np.dtype(_PRIMITIVES[kind.cname])
