@@ -67,10 +67,11 @@ def path_of(at_mm: F64, turns: Rotation) -> Trajectory:
     return check_rows(rows, "path")
 
 
-def wander(rng: np.random.Generator, seconds: F64, size: int) -> F64:
+def wander(rng: np.random.Generator, seconds: npt.NDArray[np.floating[Any]], size: int) -> F64:
     """A smooth way (n, size) between -1 and 1: three sines of 0.3 to 2 Hz each."""
     rate, phase = rng.uniform(2, 12, (3, size)), rng.uniform(0, 2 * np.pi, (3, size))
-    return np.mean(np.sin(seconds[:, np.newaxis, np.newaxis] * rate + phase), axis=1)
+    waves = np.sin(seconds[:, np.newaxis, np.newaxis] * rate + phase)
+    return np.asarray(waves.mean(axis=1), dtype=np.float64)
 
 
 def peg_path(seed: int, down_mm: float = 30.0, ticks: int = 2000) -> Trajectory:

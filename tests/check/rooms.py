@@ -91,7 +91,7 @@ def imports(package: Path, file: Path) -> Iterator[str]:
             yield str(node.module)
         elif isinstance(node, ast.JoinedStr) and isinstance(node.values[0], ast.Constant):
             first = str(node.values[0].value)
-            if first.startswith("crease.") and first.endswith("."):  # import_module(f"crease.room.{name}")
+            if first.startswith("crease.") and first.endswith("."):  # f"crease.room.{name}"
                 yield first.removesuffix(".")
 
 
