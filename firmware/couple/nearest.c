@@ -7,6 +7,8 @@
 #define FOOT_VOXELS 0.3f
 #define SAME_VOXELS 0.3f
 
+/* A crease that turns by more has a sample of its own there (TIP_TURN in host/crease/bake/features.py). */
+#define BEND_MAX 0.3473f
 /* A gradient that is shorter tells no direction. */
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
@@ -139,6 +141,13 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
         const int i = take_lane(&left);
         const float slope = slope_of(v, l, &there, i);
         phi_m[i] = at->phi_m[i];
+        /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
+         * be the end itself, and there it falls no steeper than it bends. */
+        if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
+            take_found(&there, i, gradient_of(&there, i), phi_m, normal);
+            put_place(place, i, lane_of(&found, i));
+            *nearer |= 1u << i;
+        }
         l->high[i] = 1.0f;
         l->high_phi[i] = there.phi_m[i];
         l->high_slope[i] = slope;

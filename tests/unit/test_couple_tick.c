@@ -157,6 +157,44 @@ static void edge_between_samples_is_felt_where_it_touches(void **state) {
     }
 }
 
+/* A direction of the tool in the world. */
+static void carried(cr_quat q, const double v[3], double *to) {
+    const double u[3] = {(double)q.x, (double)q.y, (double)q.z}, w = (double)q.w;
+    const double uv = u[0] * v[0] + u[1] * v[1] + u[2] * v[2], uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+    for (int a = 0; a < 3; a++) {
+        const int b = (a + 1) % 3, c = (a + 2) % 3;
+        to[a] = 2.0 * uv * u[a] + (w * w - uu) * v[a] + 2.0 * w * (u[b] * v[c] - u[c] * v[b]);
+    }
+}
+
+/* Two edges that cross, wherever the samples are: what is felt is at right angles to both, and no period brings another direction. */
+static void edges_that_cross_push_at_right_angles_to_both(void **state) {
+    (void)state;
+    const double along_y[3] = {0.0, 1.0, 0.0}, middle[3] = {-HALF_M, 0.0, -HALF_M};
+    for (int k = 0; k < 24; k++) {
+        const cr_quat rot = crt_turn(1.0, 0.05, 1.05, 0.5 + 0.04 * (k % 8));
+        double edge_m[3], t[3];
+        carried(rot, middle, edge_m);
+        carried(rot, along_y, t);
+        const double size = sqrt(t[0] * t[0] + t[2] * t[2]), sign = t[2] < 0.0 ? 1.0 : -1.0;
+        const double n[3] = {-sign * t[2] / size, 0.0, sign * t[0] / size}; /* e x t, e along y */
+        const double up = n[0] + n[2] > 0.0 ? 1.0 : -1.0, off = 1e-3 * (k - 12) / 8.0;
+        begin(0.0f);
+        for (int i = -20; i <= 40; i++) {
+            const double down = 1e-5 * i * up;
+            tick(&edge, turned(off * t[0] - edge_m[0] - down * n[0], off * t[1] - edge_m[1],
+                               off * t[2] - edge_m[2] - down * n[2], rot));
+            const cr_vec3 f = out.force_world_N;
+            double held[3];
+            carried(out.held.rot, along_y, held);
+            const double force = sqrt((double)(f.x * f.x + f.y * f.y + f.z * f.z));
+            const double leans = (double)f.x * held[0] + (double)f.y * held[1] + (double)f.z * held[2];
+            assert_true(i <= 2 || force > 0.0);
+            assert_true(fabs((double)f.y) <= 2e-3 * force + 2e-3 && fabs(leans) <= 2e-3 * force + 2e-3);
+        }
+    }
+}
+
 static void room_holds_a_cube_in_its_corner(void **state) {
     (void)state;
     begin(0.0f);
@@ -407,6 +445,7 @@ int main(void) {
         cmocka_unit_test(plate_never_lets_through),
         cmocka_unit_test(edge_holds_a_cube_that_turns_over_it),
         cmocka_unit_test(edge_between_samples_is_felt_where_it_touches),
+        cmocka_unit_test(edges_that_cross_push_at_right_angles_to_both),
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
         cmocka_unit_test(point_in_a_groove_and_in_a_corner_is_held_by_all_walls),
