@@ -535,5 +535,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz prove promises evidence soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 worst wcet hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz prove promises evidence soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force bench-six stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 worst wcet hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

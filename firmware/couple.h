@@ -147,6 +147,7 @@ typedef struct {
     float free_m;      /* no point of the tool that is not among the near ones was nearer */
     float pace_m;      /* how far its points were to go in the last tick, at most */
     uint32_t dropped;  /* samples that were near, and left out */
+    uint32_t crowded;  /* 1: of these, some had no room */
     uint32_t near_count;
     cr_couple_near near[CR_COUPLE_NEAR_MAX / CR_LANES];
 
@@ -174,7 +175,7 @@ typedef struct {
 typedef struct {
     cr_couple couple;
     cr_couple_stats stats; /* of the last tick */
-    uint32_t pressed;      /* points that pressed in it */
+    uint32_t pressed;      /* points that pressed at its end */
     uint32_t contact_count;
     cr_couple_contact contacts[CR_COUPLE_CONTACTS_MAX];
     cr_couple_found found;
@@ -183,7 +184,7 @@ typedef struct {
 /* Purpose  begin: no tool is held yet.   Output  *coupled.   Errors  as cr_couple_init. */
 cr_err cr_coupled_init(cr_coupled *coupled, const cr_couple_config *config);
 
-/* Purpose  let go and clear faults: the next tick begins at the hand's pose. */
+/* Purpose  let go and clear faults: the next tick begins at the hand's pose. Needed before a tick in another image that lies where the last one did. */
 void cr_coupled_reset(cr_coupled *coupled);
 
 /* Purpose  one tick: the held tool follows the hand as far as the scene lets it, in steps that pass through nothing, and pulls.

@@ -311,7 +311,7 @@ static void look_round(cr_coupled *c, cr_couple_view *v, float margin_m) {
     v->margin_m = min_f(margin_m + MARGIN_MORE_M, v->trust_m);
     v->every = 1u;
     cr_couple_gather(v, &tool);
-    for (uint32_t i = 1u; i < GATHERS_MAX && c->found.dropped > 0u; i++) {
+    for (uint32_t i = 1u; i < GATHERS_MAX && c->found.crowded != 0u; i++) {
         v->margin_m *= i <= HALVINGS ? 0.5f : 1.0f;
         v->every *= i <= HALVINGS ? 1u : 2u;
         cr_couple_gather(v, &tool);
@@ -389,7 +389,7 @@ void cr_coupled_reset(cr_coupled *coupled) {
     f->centre = f->tool = coupled->couple.held;
     f->pace_m = f->free_m = 0.0f;
     f->slide_m = f->slide_lost_m = f->turn_rad = f->turn_lost_rad = 0.0f;
-    f->near_count = f->dropped = f->ticks = 0u;
+    f->near_count = f->dropped = f->crowded = f->ticks = 0u;
     memset(f->by_points, 0, sizeof f->by_points);
     coupled->contact_count = coupled->pressed = 0u;
     coupled->stats = none;
@@ -429,8 +429,9 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
     c->stats.lookups = v.lookups;
     c->stats.near = c->found.near_count;
     c->stats.contacts = c->contact_count;
-    /* On its way from contact to contact it is held no less than it was: what it comes to is the next tick's to tell. */
-    out->pressing = out->pressing == 0u && c->stats.left_m > STEP_ENOUGH_M ? c->pressed : out->pressing;
-    cr_couple_answer(&c->couple, &k, &last, out);
+    /* On its way from contact to contact it is held for a tick as it was before: what it comes to is the next one's to tell. */
+    const uint32_t before = c->pressed;
     c->pressed = out->pressing;
+    out->pressing = out->pressing == 0u && c->stats.left_m > STEP_ENOUGH_M ? before : out->pressing;
+    cr_couple_answer(&c->couple, &k, &last, out);
 }

@@ -15,6 +15,7 @@
 static void add_near(cr_couple_found *f, uint32_t key, cr_vec3 arm_m, float gap_m, cr_vec3 normal) {
     if (f->near_count == CR_COUPLE_NEAR_MAX) {
         f->dropped++;
+        f->crowded = 1u;
         return;
     }
     cr_couple_near *n = &f->near[f->near_count / CR_LANES];
@@ -210,12 +211,13 @@ void cr_couple_gather(cr_couple_view *v, const cr_pose *tool) {
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t depth = 1u;
     const struct cr_img_meta *m = s->meta;
-    const cr_vec3 t = v->pose.t;
-    const float rounding = 2e-6f + 1e-6f * (abs_f(t.x) + abs_f(t.y) + abs_f(t.z) + m->tool_radius_m);
+    const cr_vec3 t = v->pose.t, at = f->centre.pos_m; /* one is told from the other */
+    const float far = abs_f(t.x) + abs_f(t.y) + abs_f(t.z) + abs_f(at.x) + abs_f(at.y) + abs_f(at.z);
+    const float rounding = 2e-6f + 1e-6f * (far + m->tool_radius_m);
     v->slack_m = NEAR_ERRORS * m->error_rms_m + rounding;
     v->slack_far_m = m->error_out_m + rounding;
     advance(f, s, tool);
-    f->near_count = f->dropped = 0u;
+    f->near_count = f->dropped = f->crowded = 0u;
     f->free_m = 1e4f;
     stack[0].group = 0u;
     stack[0].lanes = find_near_lanes(v, 0u);

@@ -207,7 +207,7 @@ def _plate(thick_mm: float) -> Scene:
         on_floor(10.0 * CORNERS),
         how="least energy, double, corners of the cube above the plate's plane",
         ticks=tuple(range(100, 1200, 60)),
-        more={"thick_mm": thick_mm, "never_beyond": {"held_origin_above_mm": 0.0}},
+        more={"thick_mm": thick_mm, "never_beyond": {"held_origin_above_mm": 9.98}},
     )
 
 

@@ -85,7 +85,9 @@ def judge_scene(case: Case, scene: Scene, extent: Extent) -> list[Row]:
             found.append(Row.most(case.name, f"{name}, mm RMS", goals["wrench_rms_max_mm"], value))
     found += _of_its_own(case, felt)
     touching = rows["points"] > 0
-    if touching.any():
+    if not touching.any():
+        found.append(Row.most(case.name, "ticks that touch nothing at all", 0.0, float(len(rows))))
+    else:
         us = 1e-3 * rows["tick_ns"][touching]
         for share, goal in ((50, 10.0), (99, 20.0)):
             found.append(
@@ -225,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenes", nargs="+", metavar="NAME", choices=names)
     parser.add_argument("--no-rivals", action="store_true")
     parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, default=ROOT / "tests" / "bench"
+        "-o", "--output", metavar="DIR", type=Path, help="tests/bench; build/six for a part"
     )
     args = parser.parse_args(arguments)
     if args.quick:
@@ -235,7 +237,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows, more = bench(extent), ""
     if not (args.quick or args.scenes or args.no_rivals):
         more, _ = six_compare.compare(DATA, IMAGES, 10, 50)
-    six_report.write(args.output, rows, more)
+    page = ROOT / "tests" / "bench" if more else ROOT / "build" / "six"
+    six_report.write(args.output or page, rows, more)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import manifold3d as mf
 import numpy as np
 import numpy.typing as npt
 from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.scene_list import is_newer
 from crease.base.scene import Scene, open_scene
 from crease.base.table import write_bytes
 from crease.mesh.mesh import Mesh, load_mesh
@@ -24,6 +25,9 @@ F64 = npt.NDArray[np.float64]
 MM = 1e-3
 FELT_MIN_N = 1e-6
 OVERLAP_MIN_MM3 = 1e-9
+REFINE = 4
+"""Parts of an edge of an overlap that are looked at: where edges cross, and where something is cut right through, all
+its corners are on both surfaces."""
 STILL_N = 1e-3
 """Changes below it are rounding."""
 
@@ -61,7 +65,7 @@ class Case:
         voxel_mm, spacing_mm = (self.spec["image"][k] for k in ("voxel_mm", "spacing_mm"))
         own = images / f"{self.name}-{voxel_mm:g}-{spacing_mm:g}.crs"
         meshes = self.mesh("static"), self.mesh("tool")
-        if own.exists():
+        if own.exists() and is_newer(own):
             scene = open_scene(own)
             meta = scene.meta
             digests = (bytes(meta.static_sha256).hex(), bytes(meta.tool_sha256).hex())
@@ -139,11 +143,11 @@ class Solids:
         return bool(self.overlap(pose).volume() > OVERLAP_MIN_MM3)
 
     def depth_mm(self, pose: F64) -> float:
-        """How deep the overlap reaches below the surface of either."""
+        """How deep the overlap reaches below the surface of either: the deepest of points all over its own surface."""
         both = self.overlap(pose)
         if both.is_empty():
             return 0.0
-        places = np.asarray(both.to_mesh().vert_properties[:, :3], np.float64)
+        places = np.asarray(both.refine(REFINE).to_mesh().vert_properties[:, :3], np.float64)
         seen = rotation(pose).inv().apply(places - pose[:3] / MM)
         deep = [
             igl.point_mesh_squared_distance(np.ascontiguousarray(p), v, f)[0].max()
@@ -161,6 +165,11 @@ class Felt:
     held: F64
     """(n, 7)."""
     tick_ns: npt.NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        """Errors: ArithmeticError for what is no number, which no judge would see."""
+        if not (np.isfinite(self.wrench).all() and np.isfinite(self.held).all()):
+            raise ArithmeticError("a wrench or a held pose is not finite")
 
 
 Run = Callable[[Trajectory], Felt]

@@ -31,6 +31,7 @@ def bake_args(folder: Path, block: Path, ball: Path) -> list[object]:
     return ["bake", block, ball, "-o", folder / "out.crs", "--unit", "mm"]
 
 
+@pytest.mark.quiet
 @pytest.mark.parametrize(
     "option", [("--spacing", "0.01mm"), ("--voxel", "0.02mm"), ("--voxel", "1um")]
 )

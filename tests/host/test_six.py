@@ -13,7 +13,8 @@ import six_compare
 import six_judge
 import six_report
 import six_run
-from crease import Scene, bake
+import trimesh
+from crease import Scene, bake, make_mesh
 from crease.lab import six
 from crease.lab.run import run_experiment
 from crease.lab.setup import Setup
@@ -112,6 +113,31 @@ def test_depth_of_an_overlap_is_how_far_it_reaches_in(data: Path) -> None:
     assert not solids.touches(np.array([0.0, 0.0, 10.001e-3, 1.0, 0.0, 0.0, 0.0]))
 
 
+def test_depth_is_seen_where_no_corner_is_inside() -> None:
+    """Two edges that cross, and a bar right through a plate: every corner of the overlap lies on both surfaces."""
+    roof = make_mesh(
+        trimesh.creation.box(
+            extents=[20, 60, 20],
+            transform=trimesh.transformations.rotation_matrix(np.pi / 4, [0, 1, 0]),
+        ).vertices,
+        trimesh.creation.box().faces,
+        1e-3,
+    )
+    top_m = 20e-3 / np.sqrt(2.0)
+    crossed = Solids(roof, roof)
+    for deep_m in (0.1e-3, 2e-3):
+        pose = np.r_[0.0, 0.0, 2.0 * top_m - deep_m, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+        found = crossed.depth_mm(pose)
+        assert 0.5 * deep_m < 1e-3 * found < deep_m
+    box = trimesh.creation.box(extents=[60, 60, 6])
+    plate = make_mesh(box.vertices, box.faces, 1e-3)
+    bar = trimesh.creation.box(extents=[10, 10, 60])
+    through = Solids(plate, make_mesh(bar.vertices, bar.faces, 1e-3))
+    assert through.depth_mm(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])) == pytest.approx(
+        5.0, abs=0.01
+    )
+
+
 def test_judges_see_what_is_wrong(data: Path) -> None:
     """A method that is a spring to the hand's own depth, one tick late and stiff against the way in."""
     case = Case.load(data, "cube_plane")
@@ -148,6 +174,7 @@ def test_judges_see_what_is_wrong(data: Path) -> None:
     assert six_judge.change_halves(case, rough, steps) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(RIVALS))
 def test_rival_holds_a_cube_on_a_plane_as_its_closed_form_says(name: str, plane: Scene) -> None:
     method = RIVALS[name](plane, SPRINGS)

@@ -11,7 +11,7 @@ from importlib import import_module
 from crease.lab.setup import Result, Setup
 
 NAMES = ("penetration", "timing", "direction", "slender", "zones", "thin-and-deep", "six")
-"""In the order of the paper; the last is what it leaves for later."""
+"""In the order of the paper; the last two are what it leaves for later."""
 
 
 def run_experiment(name: str, setup: Setup) -> Result:

@@ -168,7 +168,7 @@ class Loop:
         self.handle: Handle | None = None
         """Of six axes, where the loop has one."""
         if handle is not None:
-            delay_s = self.drives.params.torque_delay_s if at_once else 1e-9 * PERIOD_NS
+            delay_s = self.drives.params.torque_delay_s + (0.0 if at_once else 1e-9 * PERIOD_NS)
             self.handle = Handle(scene, self.config, handle, round(1e9 * delay_s / PERIOD_NS))
             self.handle.rest_at(self.drives.state.tip_pos_m)
             self._far.handle = self.handle.c

@@ -276,8 +276,9 @@ def _table(result: Any) -> dict[str, Any]:
 
 
 def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
-    faults = ", ".join(report["faults"]) or "none"
     held = "torque_max_Nm" in report
+    coupling = report["couple_faults"] if held else 0
+    faults = ", ".join([*report["faults"], *([f"coupling {coupling:#x}"] if coupling else [])])
     lines = [
         ("table" if held else "recording", report["output"]),
         ("transport", report["transport"]),
@@ -302,5 +303,8 @@ def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
             f"{report['missing']} states missing, {report['late']} late, {report['frames_lost']} lost",
         )
     )
-    lines.append(("faults", faults))
+    if held:
+        late, limited = report["ticks_late"], report["ticks_couple_limited"]
+        lines.append(("held tool", f"{late:,} ticks behind its hand, {limited:,} limited"))
+    lines.append(("faults", faults or "none"))
     return lines
