@@ -401,6 +401,21 @@ static void hand_that_jumps_through_a_plate_is_held_before_it(void **state) {
     assert_true(fabsf(out.held.pos_m.z - (float)HALF_M) < 2e-5f && out.force_world_N.z > 50.0f);
 }
 
+/* Rocked in a corner of a room, more samples touch than there are contacts: those that have left give way. */
+static void rocked_in_a_corner_contacts_give_way(void **state) {
+    (void)state;
+    uint32_t most = 0u;
+    begin(0.0f);
+    for (int i = 0; i < 600; i++) {
+        const double press_m = fmin(1.0, i / 50.0) * 1.5e-3, a = 0.9 * i;
+        const cr_quat rot = crt_turn(cos(a), sin(a), sin(1.7 * a), 4e-3 * (1 + i % 3));
+        tick(&room, turned(-6e-3 - press_m, -6e-3 - press_m, -6e-3 - press_m, rot));
+        most = coupled.contact_count > most ? coupled.contact_count : most;
+        assert_true((double)out.inside_m < INSIDE_MAX);
+    }
+    assert_int_equal(most, CR_COUPLE_CONTACTS_MAX);
+}
+
 static void more_samples_than_there_is_room_for_still_hold(void **state) {
     (void)state;
     const crt_solid w = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
@@ -457,6 +472,7 @@ int main(void) {
         cmocka_unit_test(hand_that_begins_inside_is_led_out),
         cmocka_unit_test(hand_that_begins_across_a_plate_gets_an_answer),
         cmocka_unit_test(hand_that_jumps_through_a_plate_is_held_before_it),
+        cmocka_unit_test(rocked_in_a_corner_contacts_give_way),
         cmocka_unit_test(more_samples_than_there_is_room_for_still_hold),
         cmocka_unit_test(bad_input_latches),
     };
