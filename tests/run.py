@@ -125,8 +125,10 @@ BESIDE = (
         "tests/host/test_stress.py",
         "tests/host/test_bake_limits.py",
     ),
+    *("tests/host/test_couple_peg.py", "tests/host/test_six.py"),
+    "tests/property/test_force_of_way_out.py",
 )
-"""Of tests/host, run beside the rest of it and all others: some of it waits, and processors are never idle for that."""
+"""Run beside the rest of tests/host and all others: some of it waits, and all three rows take as long."""
 
 
 def run_all_pytest(select: str, hil: Callable[[], Count] | None) -> Count:
@@ -140,7 +142,7 @@ def run_all_pytest(select: str, hil: Callable[[], Count] | None) -> Count:
     others = [folder for folder in dict.fromkeys(folders) if folder != "tests/host"]
     jobs: list[Callable[[], Count]] = [
         partial(run_pytest, [*kept, *apart], ["tests/host"], "pytest-host"),
-        partial(run_pytest, kept, others, "pytest-others", keep=True),
+        partial(run_pytest, [*kept, *apart], others, "pytest-others", keep=True),
         partial(run_pytest, kept, BESIDE, "pytest-beside", keep=True),
         *([hil] if hil else []),
     ]

@@ -14,8 +14,10 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -202,28 +204,94 @@ def test_deadline_runs_from_the_sync(tmp_path: Path, scene_crs: Path) -> None:
 # ------------------------------------------------------------------------------------------------ terminals and disks
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("how", ["stop", "SIGTERM", "SIGHUP", "SIGQUIT"])
-def test_blocked_terminal_holds_up_no_command_and_no_signal(
-    tmp_path: Path, scene_crs: Path, how: str
-) -> None:
+BLOCKED = ("stop", "SIGTERM", "SIGHUP", "SIGQUIT")
+LEFT = ("SIGPIPE", "SIGTSTP", "SIGTTIN", "SIGTTOU")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a loop ended, its record, and when it was told, ns."""
+
+    status: int
+    rows: Rows
+    told_ns: int
+
+
+def told_while_blocked(folder: Path, scene: Path, how: str) -> Ended:
+    """An order to a loop in contact whose terminal takes nothing."""
     read, write = full_pipe()
-    # When the tests run under nohup creased would keep it ignored.
-    kept = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     try:
-        with running(tmp_path, scene_crs, device=CALM, stdout=write, stderr=write) as run:
+        with running(folder, scene, device=CALM, stdout=write, stderr=write) as run:
             run.wait_for_torque()
-            order = run.command("stop") if how == "stop" else run.signal(getattr(signal, how))
+            order = run.command("stop") if how == "stop" else run.signal(signal.Signals[how])
             time.sleep(HELD_UP_S)
             if how == "stop":
                 run.signal(signal.SIGTERM)
             status, _ = end_of(run)
     finally:
-        signal.signal(signal.SIGHUP, kept)
         os.close(read)
         os.close(write)
-    assert status == 0
-    assert_torque_ended(rows_of(run.record.read_bytes()), order)
+    return Ended(status, rows_of(run.record.read_bytes()), order)
+
+
+def told_of_its_terminal(folder: Path, scene: Path, how: str) -> Ended:
+    """A signal of a terminal to a loop in contact, two seconds before its end."""
+    with running(folder, scene, device=CALM) as run:
+        run.wait_for_torque()
+        if how == "SIGPIPE":
+            assert run.process.stdout is not None
+            run.process.stdout.close()
+            run.process.stdout = None
+            run.command("stop")
+            time.sleep(0.2)
+            run.command("start")
+        told_ns = run.signal(signal.Signals[how])
+        time.sleep(2.0)
+        run.signal(signal.SIGTERM)
+        status, _ = end_of(run)
+    return Ended(status, rows_of(run.record.read_bytes()), told_ns)
+
+
+def all_at_once(
+    what: Callable[[Path, Path, str], Ended], base: Path, scene: Path, names: Sequence[str]
+) -> dict[str, Future[Ended]]:
+    """Loops of 20 ms periods, which sleep nearly all the time, beside each other."""
+    folders = [base / name for name in names]
+    for folder in folders:
+        folder.mkdir()
+    with ThreadPoolExecutor(len(names)) as pool:
+        return {
+            name: pool.submit(what, folder, scene, name)
+            for name, folder in zip(names, folders, strict=True)
+        }
+
+
+@pytest.fixture(scope="module")
+def blocked(tmp_path_factory: pytest.TempPathFactory, scene_crs: Path) -> dict[str, Future[Ended]]:
+    """Loops with a blocked terminal, by what they were told."""
+    # When the tests run under nohup creased would keep it ignored.
+    kept = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        folder = tmp_path_factory.mktemp("blocked")
+        return all_at_once(told_while_blocked, folder, scene_crs, BLOCKED)
+    finally:
+        signal.signal(signal.SIGHUP, kept)
+
+
+@pytest.fixture(scope="module")
+def left(tmp_path_factory: pytest.TempPathFactory, scene_crs: Path) -> dict[str, Future[Ended]]:
+    """Loops whose terminal went away, by the signal."""
+    return all_at_once(told_of_its_terminal, tmp_path_factory.mktemp("left"), scene_crs, LEFT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", BLOCKED)
+def test_blocked_terminal_holds_up_no_command_and_no_signal(
+    blocked: dict[str, Future[Ended]], how: str
+) -> None:
+    ended = blocked[how].result()
+    assert ended.status == 0
+    assert_torque_ended(ended.rows, ended.told_ns)
 
 
 @pytest.mark.slow
@@ -288,24 +356,12 @@ def test_full_disk_is_said_at_once_and_the_record_ends_with_a_whole_tick(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGPIPE, signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU])
-def test_terminal_that_goes_away_ends_nothing(tmp_path: Path, scene_crs: Path, number: int) -> None:
-    with running(tmp_path, scene_crs, device=CALM) as run:
-        run.wait_for_torque()
-        if number == signal.SIGPIPE:
-            assert run.process.stdout is not None
-            run.process.stdout.close()
-            run.process.stdout = None
-            run.command("stop")
-            time.sleep(0.2)
-            run.command("start")
-        at_ns = run.signal(number)
-        time.sleep(2.0)
-        run.signal(signal.SIGTERM)
-        status, _ = end_of(run)
-    assert status == 0
-    after = rows_of(run.record.read_bytes())
-    after = after[(after["sync_ns"] > at_ns + 10 * CALM_NS) & (after["mode"] != lib.CR_MODE_IDLE)]
+@pytest.mark.parametrize("how", LEFT)
+def test_terminal_that_goes_away_ends_nothing(left: dict[str, Future[Ended]], how: str) -> None:
+    ended = left[how].result()
+    assert ended.status == 0
+    after = ended.rows[ended.rows["sync_ns"] > ended.told_ns + 10 * CALM_NS]
+    after = after[after["mode"] != lib.CR_MODE_IDLE]
     assert len(after) > 25
     assert (after["target"] != 0).any()
 

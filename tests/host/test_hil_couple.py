@@ -236,12 +236,12 @@ def test_stable_stiffness_does_not_depend_on_the_number_of_contacts(
     """One period of delay; a coarse search: the full one is `make bench-loop`."""
     folder, setup = tmp_path_factory.mktemp("feet"), held_setup()
     bound = bound_along_N_m(setup)
-    found = {
-        feet: stable_along_N_m(feet_scene(folder, feet), setup, 0.7 * bound, 1.5 * bound, 1.03)
-        for feet in (1, 4, 24)
-    }
-    assert max(found.values()) < 1.05 * min(found.values()), found
-    assert 0.9 * bound < min(found.values()) < 1.2 * bound
+    one = stable_along_N_m(feet_scene(folder, 1), setup, 0.7 * bound, 1.5 * bound, 1.03)
+    assert 0.9 * bound < one < 1.2 * bound
+    low, high = one / 1.033, one * 1.015  # all between these: within 5 %
+    for feet in (4, 24):  # which are tried alone: 0 is at rest at neither, infinity at both
+        found = stable_along_N_m(feet_scene(folder, feet), setup, low, high, high / low)
+        assert low < found < high, (feet, one, found)
 
 
 @pytest.mark.parametrize("feet", [1, 24])

@@ -166,13 +166,13 @@ def test_sixty_views_a_second_while_no_tick_is_lost(live: Live) -> None:
 @pytest.mark.slow
 def test_the_mouse_leads_the_tool_and_the_force_is_told(live: Live) -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
-    with Page(1200, 800) as tab:
+    with Page(800, 600) as tab:  # drawn without a graphics processor: each pixel costs
         open_page(tab, live.address)
         assert tab.run("find('hint').hidden") is False
         x, y = place_of_tool(tab)
         tab.mouse("mousePressed", x, y, button="left", buttons=1, clickCount=1)
-        for step in range(1, 31):
-            tab.mouse("mouseMoved", x, y + 5.0 * step, button="left", buttons=1)
+        for step in range(1, 16):
+            tab.mouse("mouseMoved", x, y + 10.0 * step, button="left", buttons=1)
             time.sleep(0.03)
         tab.mouse("mouseReleased", x, y + 150.0, button="left", clickCount=1)
         assert tab.run("find('hint').hidden") is True
@@ -193,7 +193,7 @@ def test_the_mouse_leads_the_tool_and_the_force_is_told(live: Live) -> None:
         assert float(told) == pytest.approx(np.linalg.norm(view["force_N"]), abs=0.5)
         turned = tab.run("crease.live.stage.azimuth")
         tab.run("find('hint').hidden = false")
-        tab.drag((40.0, 400.0), (140.0, 400.0))  # beside the tool
+        tab.drag((40.0, 350.0), (140.0, 350.0))  # beside the tool
         assert tab.run("find('hint').hidden") is True
         assert tab.run("crease.live.stage.azimuth") == pytest.approx(turned - 0.8, abs=1e-6)
         tab.press("b")
