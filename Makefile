@@ -388,6 +388,9 @@ bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spo
 bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: build/bench/force
 	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o $(OUT)/bench/force $(if $(QUICK),--parts spanner)
 
+bench-curved: build/.develop ## balls on torus, saddle, bowl and involute at three tessellations: force and amplification beside the smooth bodies', 6 minutes
+	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/curved.py $(if $(QUICK),--quick --scenes saddle)
+
 bench-six: build/.develop build/meshes/six/.stamp ## held tools of meshes/six by exact judges, beside rivals: tests/bench/SIX.md, 15 minutes
 	PYTHONPATH=tests/bench $(PY) tests/bench/six_bench.py $(if $(QUICK),--quick -o $(OUT)/six)
 
@@ -535,5 +538,5 @@ clean: ## remove build/ (.venv stays)
 	rm -rf $(OUT)
 
 FORCE:
-.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz prove promises evidence soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force bench-six stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 worst wcet hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
+.PHONY: FORCE $(LINTS) help setup setup-develop build wheel meshes scenes creased demo play check test sanitize fuzz prove promises evidence soak coverage coverage-firmware bench bench-peers bench-report bench-properties bench-meshes bench-meshes-force bench-curved bench-six stress bench-loop bench-faults bench-latency hil hil-kernel hil-m7 check-device firmware-m7 firmware-m4f firmware-m55 worst wcet hil-minute all-targets bench-worlds first-plot lint format licences docs clean \
         c-tests-gcc c-tests-clang c-tests-san c-tests-cov

@@ -131,9 +131,8 @@ def torus() -> Mesh:
     return shapes.from_manifold(mf.CrossSection([ring]).revolve(80))
 
 
-def saddle() -> Mesh:
-    """z = (x^2 - y^2) / 80 mm over a square of 60 mm, on a base at z = -20 mm."""
-    n = 41
+def saddle(n: int = 41) -> Mesh:
+    """z = (x^2 - y^2) / 80 mm over a square of 60 mm, n by n points, on a base at z = -20 mm."""
     at = np.linspace(-30.0, 30.0, n)
     x, y = (v.ravel() for v in np.meshgrid(at, at, indexing="ij"))
     top = np.column_stack([x, y, (x * x - y * y) / 80.0])

@@ -57,40 +57,38 @@ static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_
     return count;
 }
 
-/* A place on a piece: u = W y from its middle; 2 sqrt(y W y) is 1 at its border. */
-typedef struct {
-    cr_vec3 u, y;
-} place;
-
-/* Exit at a place of a piece, or, when that lies beyond its border, where the way to it crosses the border: it fades out from there
- * on. A bent piece lies behind its plane. */
-static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, place p, float base_m) {
-    const float out = 2.0f * sqrtf(max_f(0.0f, v3_dot(p.u, p.y)));
+/* Exit at the place u = W y of a piece, 2 sqrt(y W y) is 1 at its border; or, when that lies beyond it, where the way to it crosses the border: it fades
+ * out from there on. A bent piece lies behind its plane. Where exits are nearly one their tie may be anywhere, y so long that y W y is rounding: u is
+ * no nearer the middle than in half-widths of the widest. */
+static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, cr_vec3 y, float base_m) {
+    const cr_vec3 u = spread_times(c, i, y);
+    const float out = max_f(2.0f * sqrtf(max_f(0.0f, v3_dot(u, y))), v3_norm(u) / c->ramp[i]);
     if ((c->crease_mask >> i) & 1u) {
-        return out <= 1.001f ? first_exit(e, p.u) : base_m;
+        return out <= 1.001f ? first_exit(e, u) : base_m;
+    }
+    if (!(out < CR_WAY_REACH)) { /* nor where it is not a number */
+        return base_m;
     }
     const int bent = c->bow[i] > 0.0f;
     const float full = bent ? END : 1.0f, ends = bent ? END : FLAT_END, at = min_f(out, full);
     const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - ends), 0.0f, 1.0f);
-    const float way_m = first_exit(e, v3_scale(p.u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
+    const float way_m = first_exit(e, v3_scale(u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
     return base_m + part * (way_m - base_m);
 }
 
-/* Nearest place where two exits are as long as each other. */
-static int tie_of_two(const rival *a, const rival *b, place *p) {
+/* Nearest place where two exits are as long as each other: its y. */
+static int tie_of_two(const rival *a, const rival *b, cr_vec3 *at) {
     const cr_vec3 y = v3_sub(a->gradient, b->gradient), u = v3_sub(a->spread, b->spread);
     const float size = v3_dot(y, u);
     if (!(size > 0.0f)) {
         return 0;
     }
-    const float s = (b->way_m - a->way_m) / size;
-    p->u = v3_scale(u, s);
-    p->y = v3_scale(y, s);
+    *at = v3_scale(y, (b->way_m - a->way_m) / size);
     return 1;
 }
 
 /* Where three are: the tip of a static corner. */
-static int tie_of_three(const rival *a, const rival *b, const rival *c, place *p) {
+static int tie_of_three(const rival *a, const rival *b, const rival *c, cr_vec3 *at) {
     const cr_vec3 y = v3_sub(a->gradient, b->gradient), z = v3_sub(a->gradient, c->gradient);
     const cr_vec3 u = v3_sub(a->spread, b->spread), v = v3_sub(a->spread, c->spread);
     const float yu = v3_dot(y, u), yv = v3_dot(y, v), zv = v3_dot(z, v), det = yu * zv - yv * yv;
@@ -99,8 +97,7 @@ static int tie_of_three(const rival *a, const rival *b, const rival *c, place *p
     }
     const float f = b->way_m - a->way_m, g = c->way_m - a->way_m;
     const float s = (f * zv - g * yv) / det, t = (g * yu - f * yv) / det;
-    p->u = v3_mad(v3_scale(u, s), v, t);
-    p->y = v3_mad(v3_scale(y, s), z, t);
+    *at = v3_mad(v3_scale(y, s), z, t);
     return 1;
 }
 
@@ -109,9 +106,9 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
     CR_ASSERT(e->count <= CR_WAY_EXITS_MAX);
     rival r[RIVALS_MAX];
-    place p = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
+    cr_vec3 y = {0.0f, 0.0f, 0.0f};
     const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, r);
-    const float base = max_f(0.0f, first_exit(e, p.u));
+    const float base = max_f(0.0f, first_exit(e, y));
     float best = base;
     if (is_crease && count > 0u) {
         const cr_vec3 end = v3_scale(v3_unit(r[0].spread, 0.0f), c->reach[i]);
@@ -119,9 +116,9 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     }
     for (uint32_t a = 0; a < count; a++) {
         for (uint32_t b = 0; b < a; b++) {
-            best = tie_of_two(&r[a], &r[b], &p) ? max_f(best, exit_at(c, i, e, p, base)) : best;
+            best = tie_of_two(&r[a], &r[b], &y) ? max_f(best, exit_at(c, i, e, y, base)) : best;
             for (uint32_t d = 0; d < b && !is_crease; d++) {
-                best = tie_of_three(&r[a], &r[b], &r[d], &p) ? max_f(best, exit_at(c, i, e, p, base)) : best;
+                best = tie_of_three(&r[a], &r[b], &r[d], &y) ? max_f(best, exit_at(c, i, e, y, base)) : best;
             }
         }
     }

@@ -360,8 +360,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
         cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
         work->spent += CR_WORK_PARTS * (1u + zones->count * zones->count / ZONES_OF_WORK);
         if (step + 1u == zones->count) {
-            cr_way_agree(&work->relations, work->half);
-            work->spent += CR_WORK_PARTS / PAIRS_OF_WORK * work->relations.half_count * work->relations.half_count;
+            work->spent += CR_WORK_PARTS / PAIRS_OF_WORK * cr_way_agree(zones, &work->relations, work->half);
         }
     }
     CR_ASSERT(work->next == steps || work->spent / CR_WORK_PARTS >= lookups_max);

@@ -18,6 +18,9 @@
 /* Part of a sum that the normals must explain to lead: in full, and not at all. */
 #define LEADS 0.5f
 #define LEADS_FROM 0.2f
+/* 1 - cosine of two normals from which on they are of sides of their own: the faces of an edge of 120 degrees. Were all facets sides of their own, a ball
+ * over the round rim of a cylinder of 96 sides would jump by 0.28 mm: tests/property/test_found_by_rims.py. */
+#define OTHER_SIDE 0.5f
 /* Share of the weight below which a sum gives no direction. The answer fades; else one of 224 random slow paths more jumps, by 1.1 mm. */
 #define OPEN_MIN 0.01f
 /* Relations that differ by less than this are one. */
@@ -118,28 +121,31 @@ static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, uint3
     return 1.0f - conflict;
 }
 
-/* Of the surfaces that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
- * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). */
-static cr_vec3 favour_large(const cr_way_zones *zones, const cr_vec3 *unit, const float *alpha) {
-    cr_vec3 of[CR_WAY_ZONES_MAX], sum = v3(0.0f, 0.0f, 0.0f);
-    uint32_t surface[CR_WAY_ZONES_MAX], count = 0u;
-    float most = 0.0f;
-    for (uint32_t c = 0; c < zones->count; c++) {
-        uint32_t s = 0u;
-        while (s < count && surface[s] != zones->zones[c].key.surface) {
-            s++;
-        }
-        if (s == count) {
-            surface[count] = zones->zones[c].key.surface;
-            of[count++] = v3(0.0f, 0.0f, 0.0f);
-        }
-        of[s] = v3_mad(of[s], unit[c], alpha[c]);
-        most = max_f(most, v3_norm(of[s]));
+/* How far two zones make one side of the obstacle: facets that turn little from each other do. */
+static float one_side(const cr_way_zones *zones, const cr_vec3 *unit, uint32_t a, uint32_t b) {
+    if (zones->zones[a].key.surface == zones->zones[b].key.surface) {
+        return 1.0f;
     }
-    for (uint32_t s = 0; s < count; s++) {
-        const float size = v3_norm(of[s]);
-        const float r = most > 0.0f ? size / most : 0.0f;
-        sum = v3_mad(sum, of[s], r * (2.5f - 1.5f * r));
+    return max_f(0.0f, 1.0f - (1.0f - v3_dot(unit[a], unit[b])) / OTHER_SIDE);
+}
+
+/* Of the sides that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
+ * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). How a round
+ * side is cut into facets, and which of them make the sum, is all one. */
+static cr_vec3 favour_large(const cr_way_zones *zones, const cr_vec3 *unit, const float *alpha) {
+    float of[CR_WAY_ZONES_MAX], most = 1e-30f;
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t c = 0; c < zones->count; c++) {
+        cr_vec3 side = v3(0.0f, 0.0f, 0.0f);
+        for (uint32_t d = 0; alpha[c] > 0.0f && d < zones->count; d++) {
+            side = alpha[d] > 0.0f ? v3_mad(side, unit[d], alpha[d] * one_side(zones, unit, c, d)) : side;
+        }
+        of[c] = v3_norm(side);
+        most = max_f(most, of[c]);
+    }
+    for (uint32_t c = 0; c < zones->count; c++) {
+        const float r = of[c] / most;
+        sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
     }
     return sum;
 }
@@ -169,9 +175,10 @@ static cr_vec3 project(const cr_way_zones *zones, const cr_vec3 *unit, const flo
     return left;
 }
 
-/* The part of a sum in the cone of the normals that it is related to, and what is outside beyond sampling error. */
+/* The part of a sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond sampling error, and where most of what
+ * is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
 static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_vec3 sum,
-                         float per_weight, float rules, float seen) {
+                         float per_weight, float trusted, float seen, float bent) {
     float alpha[CR_WAY_ZONES_MAX], whole = 0.0f, known = 0.0f; /* sum of alpha; share of the weight that has a normal */
     cr_vec3 left = sum;
     const float size = v3_norm(sum);
@@ -188,9 +195,8 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const f
     left =
         project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha);
     sum = favour_large(zones, unit, alpha);
-    const float outside = v3_norm(left);
-    const float kept = rules * max_f(0.0f, 1.0f - OUTSIDE * size / max_f(outside, 1e-30f));
-    return v3_mad(sum, left, kept);
+    const float per_left = size / max_f(v3_norm(left), 1e-30f);
+    return v3_mad(sum, left, trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, bent * per_left)));
 }
 
 /* Planes that zone a is below: of the flat zones that it is related to and does not lie above. */
@@ -238,7 +244,7 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
 static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
                       float spacing_m, cr_way_half *out) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
-    float weight = 0.0f, area = 0.0f;
+    float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
     out->deep_m = out->curved_m3 = 0.0f;
     for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
@@ -249,6 +255,10 @@ static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const floa
         weight += part[c] * z->weight_m3;
         area += part[c] * z->area_m2;
         out->curved_m3 += z->flat ? 0.0f : part[c] * z->weight_m3;
+        if (!z->flat && z->patch != CR_FACET_NONE) {
+            bends += part[c] * z->weight_m3;
+            bent += part[c] * z->weight_m3 * spread_of(v3_scale(z->normal_m3, 1.0f / z->weight_m3));
+        }
     }
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
@@ -256,8 +266,8 @@ static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const floa
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     const float trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
-    const cr_vec3 way =
-        into_cone(zones, unit, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f));
+    const cr_vec3 way = into_cone(zones, unit, part, sum, per_weight, trusted,
+                                  clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f), bent * per_weight * bends * per_weight);
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
@@ -327,18 +337,41 @@ void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone
     cr_way_half *half = &halves[h];
     if (h == r->half_count) {
         make_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half);
-        find_bounds(scene, zones, r, zone, half);
         r->first[r->half_count++] = zone;
     }
     CR_ASSERT(!has_lane(half->zones, (int)zone));
     half->zones |= 1u << zone;
-    half->led_m3 = max_f(half->led_m3, zones->zones[zone].weight_m3);
+    if (zones->zones[zone].weight_m3 > half->led_m3) {
+        half->led_m3 = zones->zones[zone].weight_m3;
+        find_bounds(scene, zones, r, zone, half);
+    }
     r->half_of[zone] = h;
 }
 
-void cr_way_agree(const cr_way_relations *r, cr_way_half *halves) {
+/* Most weight of a zone that leads a half-space, or as far as it is related to the same weight. */
+static float led_by(const cr_way_zones *zones, const cr_way_relations *r, uint32_t h, const cr_way_half *half,
+                    uint32_t *pairs) {
+    const float enough = MINOR * half->weight_m3;
+    float led = half->led_m3;
+    for (uint32_t c = 0; c < zones->count && led < enough; c++) {
+        float apart = 0.0f; /* weight that it is not related to alike */
+        if (!(zones->zones[c].weight_m3 > led)) {
+            continue;
+        }
+        for (uint32_t d = 0; d < zones->count; d++) {
+            apart += abs_f(r->part[c][d] - r->part[r->first[h]][d]) * zones->zones[d].weight_m3;
+        }
+        *pairs += zones->count;
+        led = max_f(led, zones->zones[c].weight_m3 * max_f(0.0f, 1.0f - apart / enough));
+    }
+    return led;
+}
+
+uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *r, cr_way_half *halves) {
+    uint32_t pairs = r->half_count * r->half_count;
     for (uint32_t h = 0; h < r->half_count; h++) {
-        halves[h].open *= min_f(1.0f, halves[h].led_m3 / (MINOR * halves[h].weight_m3));
+        halves[h].open *= min_f(1.0f, led_by(zones, r, h, &halves[h], &pairs) / (MINOR * halves[h].weight_m3));
     }
     share_arms(halves, r->half_count);
+    return pairs;
 }

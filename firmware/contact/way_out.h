@@ -115,8 +115,8 @@ void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_rela
 void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations,
                  cr_way_half *halves);
 
-/* Purpose  what half-spaces do for each other, once all zones have joined. */
-void cr_way_agree(const cr_way_relations *relations, cr_way_half *halves);
+/* Purpose  how far half-spaces are open and what they share of their moments, once all zones have joined.   Returns  pairs that were compared. */
+uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, cr_way_half *halves);
 
 #define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
 

@@ -151,7 +151,7 @@ static void join_zones(const crt_rig *rig) {
     last = work.spent;
     work.relations.half_count = MANY;
     begin_part();
-    cr_way_agree(&work.relations, work.half);
+    (void)cr_way_agree(&in.set->way, &work.relations, work.half);
     end_part("agree", last - before);
 }
 

@@ -79,6 +79,67 @@ static void small_leaning_is_sampling_error(void **state) {
     assert_true(lean_of(join_first()) > 0.05);
 }
 
+/* The mean normal of a surface that bends turns as its facets come and go: a sum that leans from it by less than they are spread is right. */
+static void leaning_within_the_spread_of_a_bent_surface_is_trusted(void **state) {
+    (void)state;
+    const float sine = 0.087f, short_by = 0.03f; /* 5 deg; normals spread by sqrt(2 * 0.03) = 0.24 rad */
+    cr_way_zone *z = add_leaning_floor(sine);
+    z->flat = 0u;
+    z->patch = 0u;
+    z->normal_m3 = v3(0.0f, 0.0f, (1.0f - short_by) * z->weight_m3);
+    assert_near(lean_of(join_first()), tan(asin((double)sine)), 1e-5);
+    /* No further than they are spread: 0.02 rad. */
+    z->normal_m3 = v3(0.0f, 0.0f, (1.0f - 2e-4f) * z->weight_m3);
+    assert_near(lean_of(join_first()), 0.02, 1e-3);
+    /* What no surface is near of does not bend. */
+    z->normal_m3 = v3(0.0f, 0.0f, (1.0f - short_by) * z->weight_m3);
+    z->patch = CR_FACET_NONE;
+    assert_near(lean_of(join_first()), 0.0, 1e-6);
+}
+
+/* A floor and a round wall beside it that is cut into facets, which are gathered from the one end to the other or back. Returns the way that leads out. */
+static cr_vec3 way_beside_round_wall(int facets, int back) {
+    clear(NULL);
+    add_zone(v3(0.0f, 0.0f, 1.0f), 0.6f, v3(0.0f, 0.0f, 1.0f));
+    for (int k = 0; k < facets; k++) {
+        const float turn = 0.07f * ((float)(back != 0 ? facets - 1 - k : k) - 0.5f * (float)(facets - 1));
+        add_zone(v3(cosf(turn), sinf(turn), 0.0f), 0.4f / (float)facets, v3(1.0f, 0.0f, 0.4f));
+    }
+    return join_first()->normal;
+}
+
+/* How far the way out of two faces leans from the larger: each counts by its share of the larger side, of which the other is a part. */
+static double lean_of_two(double apart_rad, double small, double part) {
+    const double x = small * sin(apart_rad), z = small * cos(apart_rad);
+    const double large_side = hypot(part * x, 1.0 + part * z), small_side = hypot(x, z + part);
+    const double r = small_side / large_side, counts = r * (2.5 - 1.5 * r);
+    return counts * x / (1.0 + counts * z);
+}
+
+static void faces_of_120_degrees_are_two_sides(void **state) {
+    (void)state;
+    const double degree = 3.14159265358979 / 180.0, small = 0.3;
+    const double at_deg[4] = {90.0, 60.0, 50.0, 30.0}, part[4] = {0.0, 0.0, 0.28558, 0.73205};
+    for (int k = 0; k < 4; k++) {
+        const float s = (float)sin(at_deg[k] * degree), c = (float)cos(at_deg[k] * degree);
+        clear(NULL);
+        add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+        add_zone(v3(s, 0.0f, c), 0.3f, v3(s, 0.0f, c));
+        assert_near(lean_of(join_first()), lean_of_two(at_deg[k] * degree, small, part[k]), 0.01);
+    }
+}
+
+/* Facets that turn little make one side: how a wall is cut, and what is gathered first, is all one. */
+static void round_wall_counts_as_a_whole(void **state) {
+    (void)state;
+    const cr_vec3 one = way_beside_round_wall(1, 0);
+    for (int facets = 3; facets <= 9; facets += 2) {
+        for (int back = 0; back < 2; back++) {
+            assert_near(v3_norm(v3_sub(way_beside_round_wall(facets, back), one)), 0.0, 0.02);
+        }
+    }
+}
+
 /* One sample tells nothing of a direction that no normal has, four tell as much as a hundred, two and a half tell half of it. */
 static void few_samples_tell_no_new_direction(void **state) {
     (void)state;
@@ -153,7 +214,7 @@ static double own_arm(float apart) {
         halves[h].open = 1.0f;
         halves[h].arm_m = v3(h == 0 ? 1.0f : 0.0f, 0.0f, 0.0f);
     }
-    cr_way_agree(&relations, halves);
+    (void)cr_way_agree(&zones, &relations, halves);
     return (double)halves[0].arm_m.x;
 }
 
@@ -163,6 +224,21 @@ static void half_spaces_of_one_direction_share_their_moment(void **state) {
     assert_near(own_arm(0.0f), 0.5, 1e-6);
     assert_near(own_arm(0.1f), 1.0 / 1.5, 0.05);
     assert_near(own_arm(0.21f), 1.0, 1e-6);
+}
+
+/* Zones that touch nothing worth speaking of do not tell half-spaces apart: one that is related as a large zone but to them is as open. */
+static void what_weighs_nothing_tells_no_relations_apart(void **state) {
+    (void)state;
+    add_zone(v3(0.0f, 0.0f, 1.0f), 0.01f, v3(0.0f, 0.0f, 1.0f));
+    add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+    add_zone(v3(0.0f, 0.0f, 1.0f), 1e-9f, v3(0.0f, 0.0f, 1.0f));
+    relations.part[0][2] = relations.part[2][0] = 0.5f;
+    for (uint32_t z = 0; z < zones.count; z++) {
+        cr_way_join(&scene, &zones, z, &relations, halves);
+    }
+    assert_int_equal(relations.half_count, 3);
+    (void)cr_way_agree(&zones, &relations, halves);
+    assert_near((double)halves[relations.half_of[0]].open, 1.0, 1e-6);
 }
 
 /* A half-space that has its weight from zones which lead others is led by none: below a tenth it fades. */
@@ -175,7 +251,7 @@ static void half_space_without_a_leader_fades(void **state) {
         halves[0].weight_m3 = WEIGHT_M3;
         halves[0].led_m3 = led[i] * WEIGHT_M3;
         halves[0].open = 1.0f;
-        cr_way_agree(&relations, halves);
+        (void)cr_way_agree(&zones, &relations, halves);
         assert_near((double)halves[0].open, (double)open[i], 0.15);
     }
 }
@@ -295,6 +371,9 @@ static void resolve_ends(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(small_leaning_is_sampling_error, clear),
+        cmocka_unit_test_setup(leaning_within_the_spread_of_a_bent_surface_is_trusted, clear),
+        cmocka_unit_test_setup(round_wall_counts_as_a_whole, clear),
+        cmocka_unit_test_setup(faces_of_120_degrees_are_two_sides, clear),
         cmocka_unit_test_setup(few_samples_tell_no_new_direction, clear),
         cmocka_unit_test_setup(minority_tells_no_new_direction, clear),
         cmocka_unit_test_setup(sum_that_normals_do_not_tell_does_not_lead, clear),
@@ -302,6 +381,7 @@ int main(void) {
         cmocka_unit_test_setup(relations_are_the_same_to_a_thousandth, clear),
         cmocka_unit_test_setup(half_spaces_of_one_direction_share_their_moment, clear),
         cmocka_unit_test_setup(half_space_without_a_leader_fades, clear),
+        cmocka_unit_test_setup(what_weighs_nothing_tells_no_relations_apart, clear),
         cmocka_unit_test_setup(surface_counts_for_at_most_twice_what_is_inside, clear),
         cmocka_unit_test_setup(surface_counts_for_more_where_few_samples_are_inside, clear),
         cmocka_unit_test_setup(zones_in_conflict_count_by_their_weight, clear),

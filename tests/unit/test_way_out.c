@@ -478,6 +478,7 @@ static void what_does_not_push_turns_nothing(void **state) {
     (void)state;
     static cr_way_relations relations;
     static cr_way_half half[3];
+    static cr_way_zones zones;
     relations.half_count = 3u;
     for (int h = 0; h < 3; h++) {
         half[h].normal = v3(0.0f, 0.0f, 1.0f);
@@ -485,10 +486,58 @@ static void what_does_not_push_turns_nothing(void **state) {
         half[h].open = h < 2 ? 1.0f : 0.0f;
         half[h].arm_m = v3(h < 2 ? (float)h : 1e6f, 0.0f, 0.0f);
     }
-    cr_way_agree(&relations, half);
+    (void)cr_way_agree(&zones, &relations, half);
     for (int h = 0; h < 2; h++) {
         assert_true(fabsf(half[h].arm_m.x - 0.5f) < 1e-6f);
     }
+}
+
+/* -1 to 1. */
+static float any(uint32_t *state) {
+    *state = 1664525u * *state + 1013904223u;
+    return (float)(*state >> 8) / 8388608.0f - 1.0f;
+}
+
+/* Planes that hardly differ meet anywhere, also far beside the piece: the way from a place on it is bounded by each plane. */
+static void no_way_starts_beside_a_piece(crt_rig *rig) {
+    const float flat = 0.505f,
+                bent = 0.72f; /* of a piece's width to its border, of a bent one's to its corners; and rounding */
+    cr_way_exits e = {.count = 4u};
+    uint32_t seed = 1u;
+    for (int n = 0; n < 200000; n++) {
+        const struct cr_img_cluster *c = rig->scene.clusters + (uint32_t)n % rig->scene.cluster_count;
+        const int i = (int)((uint32_t)n % c->count);
+        const float apart = powf(10.0f, -3.5f + 3.5f * any(&seed));
+        const cr_vec3 base = v3(any(&seed), any(&seed), any(&seed)), way = v3(any(&seed), any(&seed), any(&seed));
+        float most = 1.0f;
+        for (uint32_t k = 0; k < e.count; k++) {
+            const cr_vec3 other = v3(any(&seed), any(&seed), any(&seed));
+            e.normal[k] = v3_unit(v3_mad(base, other, k < 3u ? apart : 1.0f), 0.0f);
+            e.leaves[k] = max_f(0.1f, v3_dot(e.normal[k], v3_unit(way, 0.0f)));
+            e.height_m[k] = -1e-3f * (1.0f + (k < 3u ? apart : 1.0f) * any(&seed));
+            const float wide_m = ((c->crease_mask >> i) & 1u) != 0u
+                                     ? 1.001f * c->reach[i]
+                                     : (c->bow[i] > 0.0f ? bent : flat) * piece_width(c, i, e.normal[k]);
+            most = min_f(most, (wide_m - e.height_m[k]) / e.leaves[k]);
+        }
+        assert_true(cr_way_longest(c, i, &e) <= max_f(0.0f, most) + 1e-8f);
+    }
+}
+
+/* Of a cube the spreads are along its axes; those of a ball are in all directions, and thin ones are no longer positive, but for rounding. */
+static void no_way_starts_beside_the_piece(void **state) {
+    (void)state;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    crt_tool ball = crt_tool_new(1e-3);
+    crt_rig rig;
+    open_cube(&rig, &block);
+    no_way_starts_beside_a_piece(&rig);
+    crt_close(&rig);
+    crt_add_ball(&ball, HALF_M);
+    open_with(&rig, &block, &ball);
+    no_way_starts_beside_a_piece(&rig);
+    crt_tool_free(&ball);
+    crt_close(&rig);
 }
 
 int main(void) {
@@ -507,6 +556,7 @@ int main(void) {
         cmocka_unit_test(contacts_beyond_their_room_are_counted),
         cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),
+        cmocka_unit_test(no_way_starts_beside_the_piece),
         cmocka_unit_test(resolve_pushes_no_contact_beyond_its_depth),
         cmocka_unit_test(pushes_found_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(what_does_not_push_turns_nothing),
