@@ -48,6 +48,16 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("option", [("--spacing", "2mm"), ("--spacing", "9mm")])
+def test_memory_that_no_bake_fits_into_is_not_laid_on_the_spacing(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, option: tuple[str, str]
+) -> None:
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "1MB")
+    assert said.status == 1
+    assert "; any bake takes over 286 MiB" in said.err
+    assert " or more" not in said.err
+
+
 @pytest.mark.slow
 def test_the_size_that_a_refusal_names_fits(
     tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -316,6 +317,12 @@ def crosses(one: npt.NDArray[Any], two: npt.NDArray[Any]) -> bool:
     return False
 
 
+def test_a_sheet_that_is_all_there_is_makes_100_percent() -> None:
+    square = np.array([[0, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0], [0, 0.05, 0]])
+    mesh = make_mesh(square, [[0, 1, 2], [0, 2, 3]], sheet_m=2e-3)
+    assert "made 1 sheet 2 mm thick, 100 % of the surface" in mesh.warnings[0]
+
+
 def test_flat_sheet_is_refused() -> None:
     with pytest.raises(MeshError, match="flat"):
         make_mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 1]])
@@ -395,6 +402,37 @@ def test_ascii_stl_is_read(tmp_path: Path) -> None:
         trimesh.exchange.stl.export_stl_ascii(trimesh.creation.box(extents=[20, 30, 40]))
     )
     assert volume(load_mesh(path, 1e-3)) == pytest.approx(24e-6)
+
+
+@pytest.mark.parametrize(
+    "spell", [str.upper, lambda text: f"  {text}", lambda text: f"\ufeff{text}"]
+)
+def test_ascii_stl_is_known_however_it_begins(tmp_path: Path, spell: Callable[[str], str]) -> None:
+    path = tmp_path / "part.stl"
+    ball = trimesh.creation.icosphere(2, radius=10.0)
+    path.write_text(spell(trimesh.exchange.stl.export_stl_ascii(ball)), encoding="utf-8")
+    assert len(load_mesh(path, 1e-3).triangles) == len(ball.faces)
+
+
+@pytest.mark.parametrize("cut", [-1, -40, -2000])
+def test_an_ascii_stl_without_its_end_is_cut_off(tmp_path: Path, cut: int) -> None:
+    path = tmp_path / "part.stl"
+    text = trimesh.exchange.stl.export_stl_ascii(trimesh.creation.icosphere(2, radius=10.0))
+    path.write_text(text[: text.rindex("endsolid") + cut])
+    with pytest.raises(MeshError, match="is cut off: it does not end with endsolid"):
+        load_mesh(path, 1e-3)
+
+
+def test_a_file_with_infinite_coordinates_is_refused_and_nothing_else_is_said(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    path = tmp_path / "part.stl"
+    content = bytearray(trimesh.creation.box().export(file_type="stl"))
+    content[96:100] = np.float32(np.inf).tobytes()
+    path.write_bytes(bytes(content))
+    with pytest.raises(MeshError, match="not finite numbers"):
+        load_mesh(path, 1e-3)
+    assert not recwarn.list
 
 
 def test_parts_of_a_glb_scene_are_placed(tmp_path: Path) -> None:

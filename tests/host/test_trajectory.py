@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from crease.base.errors import TrajectoryError
 from crease.replay.trajectory import COLUMNS, check_rows, load_trajectory
+from crease.replay.world import World
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -58,6 +59,7 @@ def test_one_row_is_a_path(tmp_path: Path) -> None:
         ("0.002,0,,0,1,0,0,0", "y_m is '', not a number"),
         ("0.002,0,0,nan,1,0,0,0", "z_m is nan, not a finite number"),
         ("0.002,inf,0,0,1,0,0,0", "x_m is inf, not a finite number"),
+        ("0.002,0,-10001,0,1,0,0,0", "y_m is -10001, more than 10 km off: positions are in metres"),
         ("0.002,0,0,0,1.1,0,0,0", "the quaternion has length 1.1, not 1 within 1 %"),
         ("0.002,0,0,0,0,0,0,0", "the quaternion has length 0, not 1 within 1 %"),
         ("0.001,0,0,0,1,0,0,0", "time does not increase: 0.001 s after 0.001 s"),
@@ -70,6 +72,22 @@ def test_bad_row_is_named_by_file_line_and_reason(tmp_path: Path, row: str, reas
     with pytest.raises(TrajectoryError) as caught:
         load_trajectory(path)
     assert str(caught.value) == f"{path}:5: {reason}"
+
+
+def test_a_path_goes_as_far_as_the_tick_takes_a_pose_and_no_further(
+    scene_crs: Path,
+) -> None:
+    """A row that the tick refuses would latch a fault: no force from there on."""
+    for away_m, taken in ((1e4, True), (np.nextafter(np.float32(1e4), np.float32(2e4)), False)):
+        rows = np.array([[0.001, 0.0, away_m, 0.0, 1.0, 0.0, 0.0, 0.0]])
+        world = World(scene_crs)
+        world.tick(rows[0, 1:])
+        assert (world.tick(rows[0, 1:]).faults == 0) == taken
+        if taken:
+            assert len(check_rows(rows, "path")) == 1
+        else:
+            with pytest.raises(TrajectoryError, match=r"row 0: y_m is 10000\.001, more than 10 km"):
+                check_rows(rows, "path")
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:
         raise MeshError(
             f"{setting('spacing_m', spacing_m)} makes about {samples:,.0f} samples and takes about "
             f"{format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
-            f"use {format_length(_up(fits_m))} or more"
+            f"{_mend(fits_m, memory_max)}"
         )
 
 
@@ -54,7 +54,7 @@ def check_grid(static: Mesh, voxel_m: float, cells: float, memory_max: int) -> N
         raise MeshError(
             f"{static.source}: {setting('voxel_m', voxel_m)} makes a grid of {cells:,.0f} bricks and takes about "
             f"{format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
-            f"use {format_length(_up(fits_m))} or more"
+            f"{_mend(fits_m, memory_max)}"
         )
 
 
@@ -66,8 +66,15 @@ def check_bricks(static: Mesh, voxel_m: float, bricks: int, cells: float, memory
         raise MeshError(
             f"{static.source}: {setting('voxel_m', voxel_m)} makes {bricks:,} bricks near the surface and takes "
             f"about {format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
-            f"use {format_length(_up(fits_m))} or more"
+            f"{_mend(fits_m, memory_max)}"
         )
+
+
+def _mend(fits_m: float, memory_max: int) -> str:
+    """What to do: the length from which on it fits, or more memory where none does."""
+    if memory_max <= BASE_BYTES:
+        return f"any bake takes over {format_size(BASE_BYTES)}; allow more"
+    return f"use {format_length(_up(fits_m))} or more"
 
 
 def _up(value: float) -> float:

@@ -66,6 +66,11 @@ def plural(count: int, noun: str) -> str:
     return f"{count:,} {noun}" + ("" if count == 1 else "s" if not noun.endswith("x") else "es")
 
 
+def percent(share: float) -> str:
+    """A share of 1 as `40 %`, two digits of it; 100 % in full."""
+    return f"{100.0 * share:{'.0f' if share >= 0.995 else '.2g'}} %"
+
+
 def renumber(draft: Draft, keys: npt.NDArray[np.float64]) -> int:
     """Make vertices with equal keys one.   Output: how many went."""
     first, kind = topology.weld(keys)
@@ -177,5 +182,5 @@ def turn_triangles(draft: Draft) -> None:
         share = topology.areas_m2(draft.vertices, triangles[changed]).sum() / draft.area_m2()
         draft.triangles = triangles
         draft.notes.append(
-            f"turned {plural(turned, 'triangle')} wound against the neighbours, {100.0 * share:.2g} % of the surface"
+            f"turned {plural(turned, 'triangle')} wound against the neighbours, {percent(share)} of the surface"
         )

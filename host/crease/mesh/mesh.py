@@ -198,11 +198,16 @@ def _tessellate(path: Path, chord_m: float) -> bytes:
 
 
 def _check_whole(path: Path, source: bytes) -> None:
-    """Refuse a binary STL that ends before its last triangle."""
+    """Refuse an STL that ends before its last triangle."""
     head, record = 84, 50
-    if path.suffix.lower() != ".stl" or (
-        source[:5].lower() == b"solid" and b"facet" in source[:2000]
-    ):
+    if path.suffix.lower() != ".stl":
+        return
+    start = source[:2000].removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    if start.startswith(b"solid") and b"facet" in start:
+        if b"endsolid" not in source[-2000:].lower():
+            raise MeshError(
+                f"{path}: is cut off: it does not end with endsolid; copy or export it again"
+            )
         return
     count = int.from_bytes(source[80:84], "little") if len(source) >= head else 0
     if len(source) < head or len(source) < head + record * count:
@@ -220,10 +225,11 @@ def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any
 
     try:
         kind = path.suffix.lower()[1:]
-        scene = trimesh.load_scene(
-            io.BytesIO(source), file_type=kind, process=False, skip_materials=True
-        )
-        mesh = scene.to_mesh()
+        with np.errstate(all="ignore"):  # numbers that are none are refused by who asks for these
+            scene = trimesh.load_scene(
+                io.BytesIO(source), file_type=kind, process=False, skip_materials=True
+            )
+            mesh = scene.to_mesh()
         return np.asarray(mesh.vertices), np.asarray(mesh.faces)
     except MemoryError:
         raise MeshError(f"{path}: does not fit into memory; reduce its triangles") from None

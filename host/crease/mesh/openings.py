@@ -9,7 +9,7 @@ from crease.base.errors import MeshError
 from crease.base.settings import setting
 from crease.base.units import format_length
 from crease.mesh import arrange, closing, topology
-from crease.mesh.draft import WELD, Draft, drop_triangles, plural, sew, turn_triangles
+from crease.mesh.draft import WELD, Draft, drop_triangles, percent, plural, sew, turn_triangles
 from crease.mesh.topology import Triangles
 
 HOLE_AREA_SHARE = 0.1
@@ -46,7 +46,7 @@ def cap_holes(draft: Draft) -> None:
     draft.triangles = np.concatenate([draft.triangles, added])
     draft.notes.append(
         f"closed {plural(len(loops), 'hole')} with {plural(len(added), 'triangle')}, "
-        f"{100.0 * cap_m2 / surface_m2:.2g} % of the surface"
+        f"{percent(cap_m2 / surface_m2)} of the surface"
     )
 
 
@@ -170,7 +170,7 @@ class _Pieces:
                 "or close it in the modeller"
             )
         draft.notes.append(
-            f"left out {plural(int(sheets.sum()), 'open sheet')} that enclose nothing, {100.0 * share:.2g} % of the "
+            f"left out {plural(int(sheets.sum()), 'open sheet')} that enclose nothing, {percent(share)} of the "
             f"surface, one near {place}; {setting('sheet_m', 1e-3)} gives them a thickness"
         )
         kept = np.flatnonzero(~sheets)
@@ -213,12 +213,12 @@ class _Pieces:
             largest = max(caps, key=lambda cap: cap.area_m2)
             draft.notes.append(
                 f"closed {plural(len(caps), 'opening')}, "
-                f"{100.0 * sum(cap.area_m2 for cap in caps) / whole_m2:.2g} % of the surface, "
+                f"{percent(sum(cap.area_m2 for cap in caps) / whole_m2)} of the surface, "
                 f"the largest {format_length(float(np.sqrt(largest.area_m2)))} wide near "
                 f"{draft.place(largest.middle_m)}"
             )
         if self.sheets.any():
             draft.notes.append(
                 f"made {plural(int(self.sheets.sum()), 'sheet')} {format_length(draft.wishes.sheet_m or 0.0)} thick, "
-                f"{100.0 * float(self.area_m2[self.sheets].sum()) / whole_m2:.2g} % of the surface"
+                f"{percent(float(self.area_m2[self.sheets].sum()) / whole_m2)} of the surface"
             )

@@ -20,6 +20,9 @@ UNIT_TOLERANCE = 0.01
 PERIOD_MAX_S = 1.0
 """Longest time between two rows: what the firmware takes as a period."""
 
+POSITION_MAX_M = 1e4
+"""Farthest coordinate of a row: what the firmware takes as a position."""
+
 FIRST_PERIOD_S = 1e-3
 """Period of the tick of a path that has only one row."""
 
@@ -67,6 +70,15 @@ def _find_fault(rows: npt.NDArray[np.float64]) -> tuple[int, str] | None:
         far: npt.NDArray[np.bool_] = np.abs(length - 1.0) > UNIT_TOLERANCE
         if (i := _first(far)) is not None:
             faults.append((i, f"the quaternion has length {length[i]:.6g}, not 1 within 1 %"))
+        beyond = np.abs(rows[:, 1:4]) > POSITION_MAX_M
+        if (i := _first(np.atleast_1d(beyond.any(axis=1)))) is not None:
+            axis = 1 + int(np.argmax(beyond[i]))
+            faults.append(
+                (
+                    i,
+                    f"{COLUMNS[axis]} is {rows[i, axis]:.9g}, more than 10 km off: positions are in metres",
+                )
+            )
         step_s = np.diff(rows[:, 0])
         if (i := _first(step_s <= 0.0)) is not None:
             now, before = rows[i + 1, 0], rows[i, 0]
