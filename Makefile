@@ -382,8 +382,9 @@ bench-properties: build/.develop build/meshes/.stamp $(PEERS)/.libraries ## what
 	    $(if $(QUICK),corner --every 40,--every 4) --repeat 1 --library $(PEERS)/libpeers.so
 	$(CREASE) bench properties -o $(OUT)/properties --peers $(OUT)/peers/properties --force $(if $(QUICK),--quick --scenes corner)
 
-bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv
+bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv; the time foreseen
 	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o $(OUT)/bench $(if $(QUICK),--parts spanner --damages clean holes)
+	PYTHONPATH=meshes $(PY) tests/bench/bake_estimate.py $(if $(QUICK),--only nut)
 
 bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: build/bench/force
 	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o $(OUT)/bench/force $(if $(QUICK),--parts spanner)

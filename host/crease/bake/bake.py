@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.bake.distance_errors import measure_errors
+from crease.bake.estimate import foresee_features, foresee_shell, foresee_voxmap
 from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
 from crease.bake.limits import check_grid, check_spacing
@@ -21,6 +22,7 @@ from crease.bake.voxmap import Voxmap, make_voxmap
 from crease.base.arguments import default_memory_max
 from crease.base.errors import MeshError
 from crease.base.native import lib
+from crease.base.progress import Forecast
 from crease.base.settings import setting
 from crease.base.units import format_length, format_size
 from crease.mesh.mesh import Mesh
@@ -54,6 +56,8 @@ class BakeResult:
 
 TARGET_SHARE = 4 / 7
 """Share of the tolerance at which refining aims: it looks at points half a voxel apart, errors peak between them."""
+NEAR_SHARE = 0.75
+"""Distance up to which samples are covered, in spacings, before a shell tells it; for the estimate of the time only."""
 TRIES_MAX = 8
 """Voxel sizes that are tried for an image that fits."""
 NOISE_TRIANGLES = 300
@@ -69,6 +73,12 @@ class _Sizes:
     spacing_m: float
     tolerance_m: float
     target_m: float
+
+
+def _forecast(progress: Progress | None) -> Forecast:
+    if progress is None:
+        return Forecast(heard=False)
+    return Forecast(lambda label, part, _left_s: progress(label, part))
 
 
 def default_spacing_m(tool: Mesh) -> float:
@@ -222,33 +232,47 @@ def _assemble(
 
 
 def bake_scene(
-    static: Mesh, tool: Mesh, options: BakeOptions | None = None, progress: Progress | None = None
+    static: Mesh,
+    tool: Mesh,
+    options: BakeOptions | None = None,
+    progress: Progress | Forecast | None = None,
 ) -> BakeResult:
     """Make the scene image of a static mesh and a tool mesh (closed, metres).
 
+    progress: told what is done and the part of the whole bake that is; a Forecast also what is left, and its stage
+    "writing" is left to whoever writes the files.
     Errors: MeshError when the sizes do not fit together, or would take more memory than they may.
     """
     options = options or BakeOptions()
-    report = progress or (lambda _label, _part: None)
+    work = progress if isinstance(progress, Forecast) else _forecast(progress)
     start_s = time.perf_counter()
     memory_max = options.memory_max_bytes or default_memory_max()
     sizes = _sizes(options, static, tool)
     check_spacing(tool, sizes.spacing_m, memory_max)
     check_grid(static, sizes.voxel_m, grid_cells(static, sizes.voxel_m), memory_max)
-    report("features", 0.0)
+    foresee_features(work, static, tool)
+    work.begin("features")
     surface = make_surface(static, options.crease_angle_deg)
-    report("shell", 0.0)
     tool_surface = make_surface(tool, options.crease_angle_deg)
-    shell = make_shell(tool_surface, sizes.spacing_m, lambda part: report("shell", part))
-    sizes, voxmap, notes = _fitting_voxmap(surface, shell, sizes, options, memory_max, report)
+    foresee_shell(work, tool_surface, sizes.spacing_m)
+    if work.heard:
+        near_m = max(NEAR_SHARE * sizes.spacing_m, 0.5 * sizes.voxel_m)
+        foresee_voxmap(work, surface, sizes.voxel_m, near_m, sizes.target_m)
+        work.complete()
+    work.begin("shell")
+    shell = make_shell(tool_surface, sizes.spacing_m, work.tick)
+    sizes, voxmap, notes = _fitting_voxmap(surface, shell, sizes, options, memory_max, work)
     meta = _meta(surface, voxmap, shell, tool, options)
     image = _assemble(surface, voxmap, shell, meta)
-    report("measuring", 0.0)
+    work.begin("measuring")
     errors = measure_errors(image, surface, voxmap)
     for name, value in errors.items():
         meta[name] = value
     image = _assemble(surface, voxmap, shell, meta)
     notes += noise_warning(surface, options.crease_angle_deg)
+    work.begin("writing")
+    if not isinstance(progress, Forecast):
+        work.end()
     if errors["error_max_m"] > sizes.tolerance_m:
         notes.append(
             f"the distance error near the surface is {format_length(errors['error_max_m'])}, more than the tolerance "
@@ -280,7 +304,7 @@ def _fitting_voxmap(
     sizes: _Sizes,
     options: BakeOptions,
     memory_max: int,
-    report: Progress,
+    work: Forecast,
 ) -> tuple[_Sizes, Voxmap, list[str]]:
     """The voxmap, with voxels as large as it takes to stay within image_max_bytes, and what is said of that."""
     room = options.image_max_bytes
@@ -293,12 +317,14 @@ def _fitting_voxmap(
     widest, tried = sizes, sizes
     for attempt in range(TRIES_MAX):
         near_m = max(0.55 * shell.h_max_m, 0.5 * tried.voxel_m)
+        if attempt > 0 and work.heard:
+            foresee_voxmap(work, surface, tried.voxel_m, near_m, tried.target_m)
         voxmap = make_voxmap(
             surface,
             tried.voxel_m,
             near_m,
             tried.target_m,
-            report,
+            work,
             memory_max,
             depth_max_m=options.depth_max_m,
         )

@@ -34,7 +34,8 @@ def bake(
     that turn more are creases. tolerance_m: refine until the distance error near the surface is below this; None: a
     quarter of a voxel. depth_max_m: how far the tool goes in; what lies deeper is kept roughly.
     image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work that takes more;
-    None: half of the machine's. progress: called with what is done and the part of it that is, 0..1.
+    None: half of the machine's. progress: called with what is done and the part of the whole
+    bake that is, 0..1.
 
     Units    m, degrees, bytes.
     Output   a scene as `crease bake` makes it, to the byte; `warnings` holds what there is to say of it, and of the

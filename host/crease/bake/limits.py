@@ -26,17 +26,17 @@ BASE_BYTES = 300_000_000
 """Interpreter, libraries and both meshes."""
 
 
+def shell_counts(tool: Mesh, spacing_m: float) -> tuple[float, float]:
+    """About how many samples a shell has, and how many fine points they are gathered from."""
+    area_m2 = areas_m2(tool.vertices_m, tool.triangles)
+    points = float((np.ceil(np.sqrt(area_m2 * DENSE_PER_SAMPLE / spacing_m**2)) ** 2).sum())
+    return 1.2 * float(area_m2.sum()) / spacing_m**2, points
+
+
 def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:
     """Errors: MeshError with the numbers when a shell of this spacing takes too much memory."""
-    area_m2 = areas_m2(tool.vertices_m, tool.triangles)
-
-    def counts(spacing_m: float) -> tuple[float, float]:
-        """Samples, and bytes with their fine points."""
-        samples = 1.2 * float(area_m2.sum()) / spacing_m**2
-        points = float((np.ceil(np.sqrt(area_m2 * DENSE_PER_SAMPLE / spacing_m**2)) ** 2).sum())
-        return samples, BASE_BYTES + SAMPLE_BYTES * samples + POINT_BYTES * points
-
-    samples, needs = counts(spacing_m)
+    samples, points = shell_counts(tool, spacing_m)
+    needs = BASE_BYTES + SAMPLE_BYTES * samples + POINT_BYTES * points
     if needs > memory_max:
         fits_m = spacing_m * math.sqrt((needs - BASE_BYTES) / max(memory_max - BASE_BYTES, 1e6))
         raise MeshError(

@@ -77,17 +77,27 @@ class Coarse:
     open: I64
 
 
-def refine(coarse: Coarse, distance: Distance, tolerance_m: float, tick: Tick) -> Fine:
+def refine(
+    coarse: Coarse,
+    distance: Distance,
+    tolerance_m: float,
+    tick: Tick,
+    found: Callable[[int], None] = lambda _count: None,
+) -> Fine:
     """Voxels whose distance misses the tolerance near the surface, looked at twice a side and between.
 
     A brick with such a voxel has its others refined too, down to SHARE of the tolerance. Halves where these are
     enough, quarters elsewhere. Where a fine voxel meets a coarser one its samples on their
-    common face are those of the coarser: the distance has no step there.
+    common face are those of the coarser: the distance has no step there. tick: part of the bricks looked at, and, when
+    `found` has been told how many voxels there are, of these.
     """
-    marked = np.zeros(coarse.judged.shape, bool)
+    marked, looked = np.zeros(coarse.judged.shape, bool), 0
     for rows in _parts(coarse.open, BRICKS_AT_ONCE):
-        marked[rows] = _chosen(coarse, rows, distance, tolerance_m)
+        marked[rows] = chosen(coarse, rows, distance, tolerance_m)
+        looked += len(rows)
+        tick(looked / len(coarse.open))
     brick, voxel = np.nonzero(marked.reshape(len(marked), -1))
+    found(len(brick))
     if len(brick) == 0:
         return Fine.none()
     samples = np.empty((len(brick), 5, 5, 5), np.float32)
@@ -120,7 +130,7 @@ def _parts(rows: I64, size: int) -> Iterator[I64]:
         yield rows[first : first + size]
 
 
-def _chosen(coarse: Coarse, rows: I64, distance: Distance, tolerance_m: float) -> Bools:
+def chosen(coarse: Coarse, rows: I64, distance: Distance, tolerance_m: float) -> Bools:
     """Judged voxels of bricks that get finer samples. (n, 8, 8, 8)."""
     judged, side = coarse.judged[rows], 2 * CELLS_SIDE
     at = lattice(side + 1)

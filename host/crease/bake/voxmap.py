@@ -20,7 +20,7 @@ from crease.bake.refine import Coarse, Fine, pack_fine, refine
 from crease.bake.surface import Surface
 from crease.base.errors import MeshError
 from crease.base.native import lib
-from crease.base.progress import part_of
+from crease.base.progress import Forecast, part_of
 from crease.base.settings import setting
 
 F64 = npt.NDArray[np.float64]
@@ -97,11 +97,21 @@ class CellSorter:
         )
         self._patch_start = np.searchsorted(surface.facet_patch[self._by_patch], patches)
 
-    def sort(self, where: npt.NDArray[np.int64], phi: F64, facet: I32, tick: Tick) -> I32:
+    def sort(self, where: npt.NDArray[np.int64], phi: F64, facet: I32, work: Forecast) -> I32:
         """Kind index of each cell.
 
         Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
         """
+        result, hard = self.sort_plain(where, phi, facet)
+        work.begin("creases", len(hard))
+        if len(hard):
+            self._sort_creases(where, hard, result, work.tick)
+        return result
+
+    def sort_plain(
+        self, where: npt.NDArray[np.int64], phi: F64, facet: I32
+    ) -> tuple[I32, npt.NDArray[np.int64]]:
+        """Kind index of each cell as its corners tell it, and the cells that take more: (m, 4) brick, z, y, x."""
         shape = (len(where), CELLS_SIDE, CELLS_SIDE, CELLS_SIDE)
         result, mixed, close = (
             np.zeros(shape, np.int32),
@@ -111,10 +121,7 @@ class CellSorter:
         for first in range(0, len(where), AT_ONCE):
             rows = slice(first, first + AT_ONCE)
             result[rows], mixed[rows], close[rows] = self._plain_cells(phi[rows], facet[rows])
-        hard = np.argwhere(close & self._widen(where, mixed))
-        if len(hard):
-            self._sort_creases(where, hard, result, tick)
-        return result
+        return result, np.argwhere(close & self._widen(where, mixed))
 
     def _widen(
         self, where: npt.NDArray[np.int64], mixed: npt.NDArray[np.bool_]
@@ -192,22 +199,29 @@ class CellSorter:
         """Kinds of the cells `hard` (m, 4: brick, z, y, x), by exact distances at probes in each."""
         brick, cell = hard[:, 0], hard[:, 1:]
         low = where[brick] + cell[:, ::-1] / CELLS_SIDE
-        probe = lattice(PROBE_SIDE, -PROBE_MARGIN, 1 + PROBE_MARGIN) / CELLS_SIDE
         for part in np.array_split(np.arange(len(cell)), max(1, len(cell) // 4096)):
-            points = (
-                self._grid.origin_m + (low[part][:, None, :] + probe[None]) * self._grid.brick_m
-            )
-            phi, triangle = self._surface.signed_distance(points)
-            facet = self._surface.facet_of[triangle].reshape(len(part), -1)
-            kinds = self._judge(points, phi.reshape(len(part), -1), facet)
+            kinds = self._judge(*self._probes(low[part]))
             result[brick[part], cell[part, 0], cell[part, 1], cell[part, 2]] = kinds
             tick(float(part[-1] + 1) / len(cell))
 
+    def facets_seen(
+        self, where: npt.NDArray[np.int64], hard: npt.NDArray[np.int64]
+    ) -> list[tuple[int, ...]]:
+        """The facets nearest to some probe, of each of the cells `hard` (m, 4: brick, z, y, x)."""
+        return _sets(self._probes(where[hard[:, 0]] + hard[:, :0:-1] / CELLS_SIDE)[2])
+
+    def _probes(self, low: F64) -> tuple[F64, F64, I32]:
+        """Probes of cells, distances, facets there. Shapes: low (n, 3), in bricks; result (n, m, 3), (n, m) twice."""
+        probe = lattice(PROBE_SIDE, -PROBE_MARGIN, 1 + PROBE_MARGIN) / CELLS_SIDE
+        points = self._grid.origin_m + (low[:, None, :] + probe[None]) * self._grid.brick_m
+        phi, triangle = self._surface.signed_distance(points)
+        facet = self._surface.facet_of[triangle].reshape(len(low), -1)
+        return points, phi.reshape(len(low), -1), facet
+
     def _judge(self, points: F64, phi: F64, facet: I32) -> I32:
         """Kinds of crease cells from exact probes. Shapes: points (n, m, 3), phi and facet (n, m)."""
-        sets = [tuple(sorted(set(row))) for row in facet.tolist()]
         groups: dict[tuple[int, ...], list[int]] = {}
-        for i, key in enumerate(sets):
+        for i, key in enumerate(_sets(facet)):
             groups.setdefault(key, []).append(i)
         kinds = np.zeros(len(points), np.int32)
         for key, rows in groups.items():
@@ -266,6 +280,10 @@ class CellSorter:
         return tuple(rows)
 
 
+def _sets(facet: I32) -> list[tuple[int, ...]]:
+    return [tuple(sorted(set(row))) for row in facet.tolist()]
+
+
 def _corners(samples: npt.NDArray[Any]) -> Iterator[npt.NDArray[Any]]:
     """Values at each of the eight corners of every cell of bricks, (n, 9, 9, 9) to (n, 8, 8, 8), x fastest."""
     n = CELLS_SIDE
@@ -315,7 +333,7 @@ def make_voxmap(
     voxel_m: float,
     near_m: float,
     tolerance_m: float,
-    progress: Callable[[str, float], None],
+    work: Forecast,
     memory_max: int,
     depth_max_m: float | None = None,
 ) -> Voxmap:
@@ -333,9 +351,11 @@ def make_voxmap(
             f" use a larger {setting('voxel_m')}"
         )
     check_bricks(surface.mesh, voxel_m, len(where), float(np.prod(grid.dims)), memory_max)
-    phi, facet = _base_samples(surface, grid, where, lambda part: progress("distances", part))
+    work.begin("distances", len(where))
+    phi, facet = base_samples(surface, grid, where, work.tick)
     sorter = CellSorter(surface, grid, tolerance_m)
-    cells = sorter.sort(where, phi, facet, lambda part: progress("creases", part))
+    cells = sorter.sort(where, phi, facet, work)
+    work.begin("planes", len(where))
     band = math.sqrt(3.0) * grid.brick_m + 1.1 * grid.depth_m
     quantum = float(np.float32(band / 32767))
     bricks_near = NearBricks(
@@ -356,12 +376,16 @@ def make_voxmap(
         by_planes = deep & (planes.least != 0)
         cells[by_planes] = planes.least[by_planes, None, None, None]
     exact = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
+    open_ = np.flatnonzero(level == BASE_LEVEL)
+    work.begin("checking", len(open_))
     fine = refine(
-        Coarse(grid, where, phi, ~exact[cells], np.flatnonzero(level == BASE_LEVEL)),
+        Coarse(grid, where, phi, ~exact[cells], open_),
         lambda points: surface.signed_distance(points)[0],
         tolerance_m,
-        lambda part: progress("refining", part),
+        work.tick,
+        lambda count: work.begin("refining", count),
     )
+    work.begin("packing", len(where) + len(fine.brick))
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
     bricks, samples, tables = _pack_bricks(phi, fine, level, cells, planes, kinds, quantum)
@@ -398,7 +422,7 @@ def _merged(
     return place[cells], BrickPlanes(least.astype(np.int32), most.astype(np.int32))
 
 
-def _base_samples(
+def base_samples(
     surface: Surface, grid: Grid, where: npt.NDArray[np.int64], tick: Tick
 ) -> tuple[F64, I32]:
     """Distances and nearest facets at the corners of the voxels of bricks, (n, 9, 9, 9) each."""

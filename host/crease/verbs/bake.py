@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crease.base.errors import MeshError
-from crease.base.progress import Progress
+from crease.base.progress import Forecast, Progress
 from crease.base.table import check_suffix, check_target, claim, write_bytes
 from crease.base.units import format_length
 from crease.verbs.common import (
@@ -122,14 +122,15 @@ def run(args: argparse.Namespace) -> None:
         start_s = time.monotonic()
         with Progress() as progress:
 
-            def report_part(label: str, part: float) -> None:
+            def tell(label: str, part: float, left_s: float) -> None:
                 check()
-                progress(label, part)
+                progress(label, part, left_s)
 
-            static, tool = read_meshes(args, report_part)
+            work = Forecast(tell, heard=progress.live)
+            static, tool = read_meshes(args, work.prepare)
             warnings = [*static.warnings, *tool.warnings]
             warn(warnings)
-            result = bake_scene(static, tool, bake_options(args), report_part)
+            result = bake_scene(static, tool, bake_options(args), work)
         warn(result.warnings)
         if args.strict and result.warnings:
             raise MeshError(f"{result.warnings[0]}; --strict refuses that")
