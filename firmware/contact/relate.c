@@ -38,7 +38,7 @@
 #define NO_LIMIT 1e30f
 #define SEEN_LEAST 0.1f
 /* Weight of two zones, as a share of that of a third, from which on their disagreement counts in full. Whatever they weigh: bar_u amplifies 1.45 instead
- * of 0.62; in full from the same weight on: 1.37 mm instead of 1.19 of a jump that tests/property/test_found_by_stress.py bounds. */
+ * of 0.62. */
 #define COUNTS 0.3f
 /* A zone by its means. */
 typedef struct {
@@ -122,30 +122,32 @@ static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, uint3
 }
 
 /* How far two zones make one side of the obstacle: facets that turn little from each other do. */
-static float one_side(const cr_way_zones *zones, const cr_vec3 *unit, uint32_t a, uint32_t b) {
-    if (zones->zones[a].key.surface == zones->zones[b].key.surface) {
-        return 1.0f;
-    }
-    return max_f(0.0f, 1.0f - (1.0f - v3_dot(unit[a], unit[b])) / OTHER_SIDE);
-}
+static float one_side(cr_vec3 n, cr_vec3 m) { return max_f(0.0f, 1.0f - (1.0f - v3_dot(n, m)) / OTHER_SIDE); }
 
 /* Of the sides that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
  * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). How a round
  * side is cut into facets, and which of them make the sum, is all one. */
-static cr_vec3 favour_large(const cr_way_zones *zones, const cr_vec3 *unit, const float *alpha) {
+static cr_vec3 favour_large(uint32_t count, const cr_vec3 *unit, const float *alpha) {
     float of[CR_WAY_ZONES_MAX], most = 1e-30f;
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
-    for (uint32_t c = 0; c < zones->count; c++) {
+    for (uint32_t c = 0; c < count; c++) {
         cr_vec3 side = v3(0.0f, 0.0f, 0.0f);
-        for (uint32_t d = 0; alpha[c] > 0.0f && d < zones->count; d++) {
-            side = alpha[d] > 0.0f ? v3_mad(side, unit[d], alpha[d] * one_side(zones, unit, c, d)) : side;
+        if (!(alpha[c] > 0.0f)) {
+            continue;
+        }
+        for (uint32_t d = 0; d < count; d++) {
+            if (alpha[d] > 0.0f) {
+                side = v3_mad(side, unit[d], alpha[d] * one_side(unit[c], unit[d]));
+            }
         }
         of[c] = v3_norm(side);
         most = max_f(most, of[c]);
     }
-    for (uint32_t c = 0; c < zones->count; c++) {
-        const float r = of[c] / most;
-        sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
+    for (uint32_t c = 0; c < count; c++) {
+        if (alpha[c] > 0.0f) {
+            const float r = of[c] / most;
+            sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
+        }
     }
     return sum;
 }
@@ -194,7 +196,7 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const f
     }
     left =
         project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha);
-    sum = favour_large(zones, unit, alpha);
+    sum = favour_large(count, unit, alpha);
     const float per_left = size / max_f(v3_norm(left), 1e-30f);
     return v3_mad(sum, left, trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, bent * per_left)));
 }
