@@ -62,7 +62,7 @@ static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_
  * no nearer the middle than in half-widths of the widest. */
 static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, cr_vec3 y, float base_m) {
     const cr_vec3 u = spread_times(c, i, y);
-    const float out = sqrtf(max_f(4.0f * v3_dot(u, y), v3_dot(u, u) / (c->ramp[i] * c->ramp[i])));
+    const float out = sqrtf(higher_f(4.0f * v3_dot(u, y), v3_dot(u, u) / (c->ramp[i] * c->ramp[i])));
     if ((c->crease_mask >> i) & 1u) {
         return out <= 1.001f ? first_exit(e, u) : base_m;
     }

@@ -360,7 +360,7 @@ static float led_by(const cr_way_zones *zones, const cr_way_relations *r, uint32
         if (!(zones->zones[c].weight_m3 > led)) {
             continue;
         }
-        for (uint32_t d = 0; d < zones->count; d++) {
+        for (uint32_t d = 0; d < zones->count && apart < enough; d++) {
             apart += abs_f(r->part[c][d] - r->part[r->first[h]][d]) * zones->zones[d].weight_m3;
         }
         *pairs += zones->count;
