@@ -132,10 +132,7 @@ static cr_vec3 favour_large(uint32_t count, const cr_vec3 *unit, const float *al
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
     for (uint32_t c = 0; c < count; c++) {
         cr_vec3 side = v3(0.0f, 0.0f, 0.0f);
-        if (!(alpha[c] > 0.0f)) {
-            continue;
-        }
-        for (uint32_t d = 0; d < count; d++) {
+        for (uint32_t d = 0; alpha[c] > 0.0f && d < count; d++) {
             if (alpha[d] > 0.0f) {
                 side = v3_mad(side, unit[d], alpha[d] * one_side(unit[c], unit[d]));
             }
@@ -144,10 +141,8 @@ static cr_vec3 favour_large(uint32_t count, const cr_vec3 *unit, const float *al
         most = max_f(most, of[c]);
     }
     for (uint32_t c = 0; c < count; c++) {
-        if (alpha[c] > 0.0f) {
-            const float r = of[c] / most;
-            sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
-        }
+        const float r = of[c] / most;
+        sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
     }
     return sum;
 }
