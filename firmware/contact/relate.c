@@ -345,21 +345,22 @@ void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone
     r->half_of[zone] = h;
 }
 
-/* Most weight of a zone that leads a half-space, or as far as it is related to the same weight. */
+/* Most weight of a zone that leads a half-space; one that could lead two is related to nearly the same weight counts as far as it is. */
 static float led_by(const cr_way_zones *zones, const cr_way_relations *r, uint32_t h, const cr_way_half *half,
                     uint32_t *pairs) {
     const float enough = MINOR * half->weight_m3;
     float led = half->led_m3;
     for (uint32_t c = 0; c < zones->count && led < enough; c++) {
+        const float spare = 2.0f * zones->zones[c].weight_m3 - enough;
         float apart = 0.0f; /* weight that it is not related to alike */
-        if (!(zones->zones[c].weight_m3 > led)) {
+        if (!(spare > led)) {
             continue;
         }
         for (uint32_t d = 0; d < zones->count && apart < enough; d++) {
             apart += abs_f(r->part[c][d] - r->part[r->first[h]][d]) * zones->zones[d].weight_m3;
         }
-        *pairs += zones->count;
-        led = max_f(led, zones->zones[c].weight_m3 * max_f(0.0f, 1.0f - apart / enough));
+        (*pairs)++; /* two rows cost what a pair of half-spaces does */
+        led = max_f(led, spare * max_f(0.0f, 1.0f - apart / enough));
     }
     return led;
 }
