@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -201,8 +202,19 @@ def call(job: Callable[[], Count]) -> Count:
     return job()
 
 
+def hear_signals() -> None:
+    """What whoever began this had ignored is heard again: a program that a test ends by Ctrl-C would run on.
+
+    Shells begin their background jobs so, and nohup.
+    """
+    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def main() -> int:
     """Command line: see the Makefile."""
+    hear_signals()
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--c-tests", type=Path, required=True, help="folder of test programs")
     parser.add_argument("--sanitized", type=Path, help="the same programs with sanitizers")
