@@ -1,4 +1,4 @@
-/* What the samples of the tool touch along a path, as changes from tick to tick: for pictures of areas and zones. */
+/* What the samples of the tool touch along a path, as changes from tick to tick, and what holds a held tool: for pictures. */
 #ifndef CREASE_CONTACTS_H
 #define CREASE_CONTACTS_H
 
@@ -57,5 +57,17 @@ size_t crv_watch_run(crv_watch *watch, const cr_path_row *path, size_t count, do
  * Cost     the tick's. */
 size_t crv_areas_run(cr_world *world, const cr_path_row *path, size_t count, double period_first_s, uint32_t *counts,
                      crv_area *areas, size_t room);
+
+/* Points that may press a held tool at one time. */
+#define CRV_HELD_MAX 96u
+
+/* Purpose  tick a coupling along a path and tell the points that press, each as an area: depth_m is how far it is behind its plane, force_N what it holds the tool
+ *          with, friction included.
+ * Shapes   path[count], ticks[count], counts[count]: points of each tick; areas[room], one tick after the other. A room of at least CRV_HELD_MAX lets every
+ *          call do one tick.   Units  period_first_s as of cr_replay_run.
+ * Output   ticks done: fewer than count when the room is full; ticks: areas, contacts, zones as cr_replay_coupled has them, point_m; no changes.
+ * Cost     the tick's. */
+size_t crv_held_run(cr_coupled *coupled, const cr_world *world, const cr_path_row *path, size_t count,
+                    double period_first_s, crv_tick *ticks, uint32_t *counts, crv_area *areas, size_t room);
 
 #endif

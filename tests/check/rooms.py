@@ -28,7 +28,7 @@ C_ROOMS: Rooms = {
     "firmware/rivals": ("firmware/contact",),
     "firmware/port/linux": ("firmware", "firmware/servo"),
     "firmware/port/cortex-m7": ("firmware", "firmware/contact"),
-    "host/native": ("sim", "firmware", "firmware/contact"),
+    "host/native": ("sim", "firmware", "firmware/contact", "firmware/couple"),
     "host/native/surface": ("host/native",),
     "host/native/arrange": ("host/native",),
 }

@@ -83,6 +83,35 @@ def find_areas(scene: Scene, path: Trajectory, options: ReplayOptions) -> Areas:
     return Areas(counts, np.concatenate(found))
 
 
+def find_held(scene: Scene, path: Trajectory, options: ReplayOptions) -> tuple[Contacts, Areas]:
+    """What holds a held tool along a path: each point that presses as an area of its own; no samples, no zones.
+
+    Errors: SceneError.   Cost: that of the ticks.
+    """
+    world = World(scene, options)
+    ticks, counts = np.zeros(len(path), TICK), np.zeros(len(path), np.uint32)
+    points = np.zeros(int(lib.CRV_HELD_MAX) + 16 * _CHUNK, AREA)
+    rows = [
+        ffi.from_buffer(f"{kind}[]", array, require_writable=True)
+        for kind, array in (("crv_tick", ticks), ("uint32_t", counts), ("crv_area", points))
+    ]
+    poses = ffi.from_buffer("cr_path_row[]", path.rows)
+    found: list[npt.NDArray[Any]] = [points[:0].copy()]
+    at = 0
+    while at < len(path):
+        before_s = path.t_s[at] - path.t_s[at - 1] if at else path.first_period_s
+        done = int(
+            lib.crv_held_run(
+                *(world.coupled, world.handle, poses + at, min(_CHUNK, len(path) - at)),
+                *(float(before_s), rows[0] + at, rows[1] + at, rows[2], len(points)),
+            )
+        )
+        found.append(points[: int(counts[at : at + done].sum())].copy())
+        at += done
+    nothing = Contacts(ticks, np.zeros(0, CHANGE), np.zeros(0, ZONE))
+    return nothing, Areas(counts, np.concatenate(found))
+
+
 def tool_samples_m(scene: Scene) -> npt.NDArray[np.float64]:
     """Samples of the tool, tool frame, (n, 3), without the unused lanes."""
     clusters = _clusters(scene)

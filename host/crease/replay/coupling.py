@@ -171,7 +171,8 @@ class Coupling:
             raise SceneError("centre: give x, y and z in m, in the frame of the tool") from None
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         couple = CoupleOptions(stiffness_turn, damping_turn, friction, (x, y, z))
-        self._engine = Engine(self.scene, ReplayOptions(stiffness, damping, couple=couple))
+        self._options = ReplayOptions(stiffness, damping, couple=couple)
+        self._engine = Engine(self.scene, self._options)
         self._handle = self._engine.coupled
         self._pose = np.zeros(POSE_NUMBERS, np.float32)
         self._pose_c = ffi.cast("cr_pose *", ffi.from_buffer(self._pose))
@@ -214,7 +215,7 @@ class Coupling:
         Errors   as `World.replay`.
         """
         path = poses if isinstance(poses, Trajectory) else path_of(poses, period_s)
-        return Replay(path, self._engine.run(path))
+        return Replay(path, self._engine.run(path), self._options)
 
     def reset(self) -> None:
         """Let go, and forget faults: the next tick begins at the hand's pose."""

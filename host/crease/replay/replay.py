@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +36,12 @@ COLUMNS = (*ANSWER_COLUMNS, *PATH_COLUMNS[1:])
 
 RUNS = "runs"
 """A column after them, that older tables have not: how often the path was run; tick_ns is the least of it."""
+
+COUPLE_COLUMNS = (
+    *("couple_N_m", "couple_Nm_rad", "couple_Ns_m", "couple_Nms_rad", "couple_friction"),
+    *("couple_x_m", "couple_y_m", "couple_z_m"),
+)
+"""Of a held tool's table only: its springs, dampers, friction and centre, as of ReplayOptions and CoupleOptions."""
 
 
 DEFAULT_RESPONSE = "way_out"
@@ -253,10 +259,42 @@ def run_path(
     return best
 
 
+def couple_columns(options: ReplayOptions, count: int) -> dict[str, npt.NDArray[Any]]:
+    """Settings of a held tool as columns (count,), so that whoever draws the table can run it again; none without."""
+    couple = options.couple
+    if couple is None:
+        return {}
+    values = (
+        *(options.stiffness_N_m, couple.stiffness_Nm_rad),
+        *(options.damping_Ns_m, couple.damping_Nms_rad, couple.friction, *couple.centre_tool_m),
+    )
+    return {
+        name: np.full(count, value, np.float32)
+        for name, value in zip(COUPLE_COLUMNS, values, strict=True)
+    }
+
+
+def couple_options_of(table: Mapping[str, npt.NDArray[Any]]) -> ReplayOptions | None:
+    """The options of a held tool's table; None for a table that says of none."""
+    if not set(COUPLE_COLUMNS) <= set(table):
+        return None
+    along, turn, damping, damping_turn, friction, *centre = (
+        float(table[name][0]) for name in COUPLE_COLUMNS
+    )
+    couple = CoupleOptions(turn, damping_turn, friction, (centre[0], centre[1], centre[2]))
+    return ReplayOptions(along, damping, couple=couple)
+
+
 def to_columns(
-    path: Trajectory, rows: npt.NDArray[Any], runs: int = 1
+    path: Trajectory,
+    rows: npt.NDArray[Any],
+    runs: int = 1,
+    options: ReplayOptions | None = None,
 ) -> dict[str, npt.NDArray[Any]]:
-    """The columns of a table of ticks, by name, from a path and what `run_path` gave.   runs: its `repeat`."""
+    """The columns of a table of ticks, by name, from a path and what `run_path` gave.
+
+    runs: its `repeat`. options: its options; those of a held tool are columns too.
+    """
     values = [
         path.t_s,
         *rows["force_N"].T,
@@ -269,4 +307,5 @@ def to_columns(
         *path.rows[:, 1:].T,
     ]
     columns = dict(zip(COLUMNS, values, strict=True))
-    return {**columns, RUNS: np.full(len(path), runs, np.uint32)}
+    settings = couple_columns(options or ReplayOptions(), len(path))
+    return {**columns, **settings, RUNS: np.full(len(path), runs, np.uint32)}

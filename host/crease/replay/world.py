@@ -114,6 +114,8 @@ class Replay:
     """The poses, with their times."""
     rows: npt.NDArray[Any] = field(repr=False)
     """Structured array (n,), `cr_replay_row` of host/native/replay.h: everything below and more."""
+    options: ReplayOptions = field(default=ReplayOptions(), repr=False)
+    """Of a held tool, what it was held with: `save` keeps it, so that `crease view` can draw what holds the tool."""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -185,7 +187,7 @@ class Replay:
         file = Path(file)
         check_suffix(file, (".csv", ".npz"))
         check_target(file, force)
-        write_table(file, to_columns(self.path, self.rows))
+        write_table(file, to_columns(self.path, self.rows, options=self.options))
         return file
 
 

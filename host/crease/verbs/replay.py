@@ -203,7 +203,7 @@ def run(args: argparse.Namespace) -> None:
 
         write_replay(args.output, scene, path, rows, options)
     else:
-        write_table(args.output, to_columns(path, rows, args.repeat))
+        write_table(args.output, to_columns(path, rows, args.repeat, options))
     force_N = np.linalg.norm(rows["force_N"], axis=1)
     overflow = int(np.count_nonzero(rows["overflow"]))
     limit_N = args.force_max or float(lib.cr_config_default().force_max_N)

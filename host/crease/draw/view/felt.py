@@ -12,9 +12,9 @@ import numpy.typing as npt
 from crease.base.native import COVERAGES, RESPONSES
 from crease.base.scene import Scene
 from crease.draw.plot import forces_N
-from crease.replay.contacts import Areas, find_areas, tool_samples_m
+from crease.replay.contacts import Areas, find_areas, find_held, tool_samples_m
 from crease.replay.measures import angle_deg, motion_m
-from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, run_path
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, couple_options_of, run_path
 from crease.replay.trajectory import Trajectory
 
 F64 = npt.NDArray[np.float64]
@@ -96,15 +96,17 @@ def who_answered(scene: Scene, path: Trajectory, table: Table) -> Answered:
     """The response that gives a table's counts of areas, zones and samples, and its directions; else the nearest.
 
     The path runs again with one after the other. Stiffness, damping and limits are not in a table, so lengths of
-    forces are not compared.   Errors: SceneError.   Cost: that of the ticks; all responses when none fits.
+    forces are not compared. A held tool's table has its settings: nothing is tried.
+    Errors: SceneError.   Cost: that of the ticks; all responses when none fits.
     """
+    held = couple_options_of(table)
+    if held is not None:
+        return Answered(held, int(_counted_else(run_path(scene, path, held), table).sum()))
     force_N = forces_N(table)
     best, least = Answered(ReplayOptions(), len(path)), (len(path) + 1, np.inf)
     for options in ANSWERS:
         rows = run_path(scene, path, options)
-        differ = np.zeros(len(path), np.bool_)
-        for name in ("areas", "zones", "contacts"):
-            differ |= rows[name] != table[name]
+        differ = _counted_else(rows, table)
         found_N = rows["force_N"].astype(np.float64)
         off = float(angle_deg(found_N, force_N).mean())
         off += 180.0 * float(((found_N != 0).any(axis=1) != (force_N != 0).any(axis=1)).mean())
@@ -116,11 +118,22 @@ def who_answered(scene: Scene, path: Trajectory, table: Table) -> Answered:
     return best
 
 
+def _counted_else(rows: npt.NDArray[Any], table: Table) -> npt.NDArray[np.bool_]:
+    """Ticks whose areas, zones or samples a table counts otherwise than a run, (n,)."""
+    differ = np.zeros(len(rows), np.bool_)
+    for name in ("areas", "zones", "contacts"):
+        differ |= rows[name] != table[name]
+    return differ
+
+
 def areas_of(scene: Scene, path: Trajectory, options: ReplayOptions, table: Table) -> Areas:
     """The contact areas of a table that `options` answered, each with its share of the table's force.
 
-    Forces are scaled tick by tick to the table's.   Errors: SceneError.
+    Forces are scaled tick by tick to the table's. Of a held tool: the points that press, as they are.
+    Errors: SceneError.
     """
+    if options.couple is not None:
+        return find_held(scene, path, options)[1]
     areas = find_areas(scene, path, options)
     size_N = np.linalg.norm(_sums(areas), axis=1)
     scale = np.linalg.norm(forces_N(table), axis=1) / np.where(size_N > 0.0, size_N, 1.0)

@@ -29,7 +29,14 @@ from crease.draw.view.felt import (
 )
 from crease.draw.view.pack import Packer
 from crease.draw.view.scripts import load_scripts
-from crease.replay.contacts import NO_PATCH, Contacts, find_contacts, parted_as, tool_samples_m
+from crease.replay.contacts import (
+    NO_PATCH,
+    Contacts,
+    find_contacts,
+    find_held,
+    parted_as,
+    tool_samples_m,
+)
 from crease.replay.replay import COLUMNS, RUNS, ReplayOptions
 from crease.replay.trajectory import COLUMNS as PATH_COLUMNS
 from crease.replay.trajectory import Trajectory, check_rows
@@ -94,7 +101,8 @@ def path_of(replay: Replay) -> Trajectory:
         )
     if "couple_late" in replay.table:
         raise TableError(
-            f"{replay.name}: is of a held tool, whose contacts a page cannot find again; draw it with `crease plot`"
+            f"{replay.name}: is of a loop with a held tool, whose contacts a page cannot find again; draw it with "
+            "`crease plot`, or its path with `crease replay --couple` and then `crease view`"
         )
     columns = [np.asarray(replay.table[name]) for name in COLUMNS]
     if any(column.ndim != 1 or len(column) != len(columns[0]) for column in columns):
@@ -127,14 +135,20 @@ def _check_scene(made: _Made, replay: Replay, contacts: Contacts, differ: int) -
 
 def _contacts_of(made: _Made, replay: Replay, path: Trajectory, answered: Answered) -> int:
     """Index into made.contacts.   Errors: SceneError when the table is of another scene."""
-    parted = parted_as(answered.options)
+    held = answered.options.couple is not None
+    parted = answered.options if held else parted_as(answered.options)
     for i, (other, kind, _) in enumerate(made.contacts):
         if kind == parted and np.array_equal(other.rows, path.rows):
             at = i
             break
     else:
         at = len(made.contacts)
-        made.contacts.append((path, parted, find_contacts(made.scene, path, parted)))
+        found = (
+            find_held(made.scene, path, parted)[0]
+            if held
+            else find_contacts(made.scene, path, parted)
+        )
+        made.contacts.append((path, parted, found))
     _check_scene(made, replay, made.contacts[at][2], answered.differ)
     return at
 
@@ -144,7 +158,9 @@ def _add_replay(
 ) -> dict[str, Any]:
     """What the header says of a replay: its stiffness and its jumps."""
     packer, table = made.packer, replay.table
-    force_N, stiffness = forces_N(table), stiffness_N_m(table)
+    held = options.couple is not None
+    force_N = forces_N(table)
+    stiffness = options.stiffness_N_m if held else stiffness_N_m(table)
     shift_m = np.stack([table[f"d{axis}_m"] for axis in "xyz"], axis=1) - path.position_m
     amplification = amplifications(force_N, stiffness, moved_m(made.scene, path))
     areas = areas_of(made.scene, path, options, table)
@@ -152,6 +168,9 @@ def _add_replay(
     packer.add_numbers(f"{key}.position_m", path.position_m, _POSITION_M)
     packer.add_numbers(f"{key}.quaternion", path.rows[:, 4:], _ANGLE)
     packer.add_numbers(f"{key}.shift_m", shift_m, _POSITION_M)
+    if held:
+        turned = np.stack([table[f"dq{part}"] for part in "wxyz"], axis=1)
+        packer.add_numbers(f"{key}.held_quaternion", turned, _ANGLE)
     packer.add_numbers(f"{key}.force_N", force_N, _FORCE_N)
     packer.add_numbers(f"{key}.torque_Nm", torques_Nm(table), _TORQUE_NM)
     packer.add_numbers(f"{key}.depth_m", table["depth_m"], _DEPTH_M)
@@ -162,9 +181,12 @@ def _add_replay(
     packer.add_integers(f"{key}.area_count", areas.counts)
     packer.add_numbers(f"{key}.area_point_m", areas.areas["point_m"], _POINT_M)
     packer.add_numbers(f"{key}.area_force_N", areas.areas["force_N"], 10 * _FORCE_N)
-    packer.add_numbers(f"{key}.area_depth_m", areas.areas["depth_m"], 10 * _DEPTH_M)
+    packer.add_numbers(
+        f"{key}.area_depth_m", areas.areas["depth_m"], (0.1 if held else 10) * _DEPTH_M
+    )
     return {
         "stiffness_N_m": stiffness,
+        "held": held,
         "jumps": jumps(force_N, amplification).tolist(),
         "runs": int(table[RUNS][0]) if RUNS in table else None,
     }

@@ -51,7 +51,7 @@ class Player {
   }
 
   makePanes() {
-    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview }, i) => {
+    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview, held }, i) => {
       const pane = find("panes").appendChild(document.createElement("div"));
       pane.className = "pane";
       const told = pane.appendChild(document.createElement("div"));
@@ -62,9 +62,10 @@ class Player {
       told.appendChild(document.createElement("b")).textContent = name;
       if (preview) told.appendChild(document.createElement("p")).textContent = "not replayed yet: zones, 1000 N/m";
       const table = told.appendChild(document.createElement("table"));
-      const values = ["force", "torque", "depth", "turn", "amplification", "tick", "contact"].map((label) => {
+      const values = ["force", "torque", held ? "spring" : "depth", "turn", "amplification", "tick", "contact"].map((label) => {
         const row = table.insertRow();
         row.insertCell().textContent = label;
+        if (label === "spring") row.title = "how far the hand is from the held tool";
         if (label === "amplification") row.title = `of ${+stiffness_N_m.toPrecision(3)} N/m, the table's stiffness`;
         return row.insertCell();
       });
@@ -93,7 +94,7 @@ class Player {
     this.setTrack(this.header.replays.some(({ preview }) => preview));
     this.setPoints(innerWidth > 900);
     find("theme").addEventListener("click", () => this.setTheme(!this.dark));
-    this.setDisplay(false);
+    this.setDisplay(this.header.replays.some(({ held }) => held));
     addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -170,7 +171,8 @@ class Player {
 
   setDisplay(display) {
     this.display = display;
-    find("pose").textContent = display ? "tool: as displayed" : "tool: true pose";
+    const held = this.header.replays.some((replay) => replay.held);
+    find("pose").textContent = display ? (held ? "tool: held" : "tool: as displayed") : (held ? "tool: the hand's" : "tool: true pose");
     if (this.stage) this.stage.dirty = true;
   }
 
@@ -223,7 +225,7 @@ class Player {
     const ticks = this.ticks();
     ticks.forEach((tick, i) => {
       this.tell(i, tick, this.panes[i].values);
-      this.list(this.replays[i], tick, this.panes[i].points);
+      this.list(this.replays[i], tick, this.panes[i].points, this.header.replays[i].held);
     });
     this.tellZones(ticks);
     this.plots.show(this.times[this.frame]);
@@ -238,17 +240,18 @@ class Player {
       `${(1000 * replay.depth_m[i]).toFixed(2)} mm`, turn < 0 ? "no force" : `${turn.toFixed(2)} deg`,
       amplification.toFixed(2),
       `${(replay.tick_ns[i] / 1000).toFixed(1)} us`,
-      replay.areas[i] ? `${plural(replay.areas[i], "area")}, ${plural(replay.zones[i], "zone")}` : "none",
+      !replay.areas[i] ? "none" : this.header.replays[k].held ? `${plural(replay.areas[i], "point")} of ${replay.zones[i]}`
+        : `${plural(replay.areas[i], "area")}, ${plural(replay.zones[i], "zone")}`,
     ];
     texts.forEach((text, n) => { cells[n].textContent = text; });
   }
 
   // Where the tool touches: place, depth and force of each contact area.
-  list(replay, tick, table) {
+  list(replay, tick, table, held) {
     const from = replay.area_at?.[tick] ?? 0, to = this.withPoints ? replay.area_at?.[tick + 1] ?? 0 : 0;
     listPoints(table, to - from, (k) => ({
       at: vector(replay.area_point_m, from + k), depth: replay.area_depth_m[from + k], force: vector(replay.area_force_N, from + k).length(),
-    }));
+    }), held ? IN_UM : IN_MM);
   }
 
   advance(now_ms) {

@@ -278,7 +278,20 @@ class Stage {
     this.tool.group.matrixAutoUpdate = false;
     this.sky = new THREE.HemisphereLight(0xffffff, 0x8a8f99, 0.75);
     this.lamp = new THREE.DirectionalLight(0xffffff, 0.6);
-    this.world.add(this.fixed.group, this.tool.group, this.sky, this.lamp, this.lamp.target);
+    this.hand = this.makeHand();
+    this.world.add(this.fixed.group, this.tool.group, this.hand.group, this.sky, this.lamp, this.lamp.target);
+  }
+
+  // Where the hand has the tool while another pose of it is shown: the same body, faint.
+  makeHand() {
+    const solid = new THREE.Mesh(this.tool.solid.geometry, this.tool.solid.material.clone());
+    const lines = new THREE.LineSegments(this.tool.lines.geometry, this.tool.lines.material.clone());
+    const group = new THREE.Group();
+    solid.material.opacity = 0.12;
+    lines.material.opacity = 0.25;
+    group.add(solid, lines);
+    group.matrixAutoUpdate = false;
+    return { group, solid, lines };
   }
 
   makeOverlay() {
@@ -316,8 +329,8 @@ class Stage {
   // Colours of the page's theme and of the samples: by "zones" or by "areas".
   paint(by) {
     this.fixed.solid.material.color.set(css("--static")).convertSRGBToLinear();
-    this.tool.solid.material.color.set(css("--tool")).convertSRGBToLinear();
-    for (const body of [this.fixed, this.tool]) body.lines.material.color.set(css("--edge")).convertSRGBToLinear();
+    for (const body of [this.tool, this.hand]) body.solid.material.color.set(css("--tool")).convertSRGBToLinear();
+    for (const body of [this.fixed, this.tool, this.hand]) body.lines.material.color.set(css("--edge")).convertSRGBToLinear();
     this.renderer.setClearColor(css("--sky"), 1);
     for (const samples of Object.values(this.samples)) {
       const { states } = samples.contacts;
@@ -341,9 +354,9 @@ class Stage {
     this.dirty = true;
   }
 
-  // The pose of the tool of replay i in its own tick.
+  // The pose of the tool of replay i in its own tick. A held tool is displayed with an attitude of its own.
   toolMatrix(i, frame, display) {
-    const replay = this.data[`replay${i}`], q = replay.quaternion;
+    const replay = this.data[`replay${i}`], q = (display && replay.held_quaternion) || replay.quaternion;
     const position = vector(replay.position_m, frame);
     if (display) position.add(vector(replay.shift_m, frame));
     const rotation = new THREE.Quaternion(q[4 * frame + 1], q[4 * frame + 2], q[4 * frame + 3], q[4 * frame]).normalize();
@@ -354,6 +367,8 @@ class Stage {
     const replay = this.data[`replay${i}`], name = this.header.replays[i].contacts, contacts = this.data[name];
     const matrix = this.toolMatrix(i, frame, display);
     this.tool.group.matrix.copy(matrix);
+    this.hand.group.visible = display && this.header.replays[i].held;
+    if (this.hand.group.visible) this.hand.group.matrix.copy(this.toolMatrix(i, frame, false));
     for (const [key, samples] of Object.entries(this.samples)) samples.points.visible = key === name;
     this.samples[name].seek(frame);
     this.samples[name].points.matrix.copy(this.toolMatrix(i, frame, false));
