@@ -272,7 +272,7 @@ check: build/.develop build/scenes/.stamp $(if $(QUICK),build/gcc/tests/test_lat
 	$(if $(QUICK),,@$(TWO_AT_A_TIME) $(call TESTED,gcc))
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests $(if $(QUICK),--programs test_late -- tests/check/test_asserts.py)
 
-test: build/.develop build/.browser build/scenes/.stamp hil-kernel ## everything that must pass; ends with one count
+test: build/.develop build/.browser build/scenes/.stamp hil-kernel ## everything that must pass, in a quarter of an hour on two idle cores; ends with one count
 	@$(TWO_AT_A_TIME) $(call TESTED,gcc san)
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
