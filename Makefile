@@ -367,7 +367,7 @@ $(PEERS)/.libraries: $(PEERS)/libpeers.so
 bench-peers: build/.host build/scenes/.stamp $(PEERS)/.libraries ## rival libraries, every sweep and float32 against double: build/bench/pareto.png, precision.png
 	rm -rf $(OUT)/peers/raw
 	$(PEERS)/bin/python tests/bench/peers/query.py meshes/scenes.toml build/meshes $(OUT)/peers/raw \
-	    $(if $(QUICK),edge90_cube --every 400 --repeat 1,$(PEERS_SCENES)) --library $(PEERS)/libpeers.so
+	    $(if $(QUICK),edge90_cube part_spanner --every 400 --repeat 1,$(PEERS_SCENES)) --library $(PEERS)/libpeers.so
 	@mkdir -p $(OUT)/bench
 	$(PY) tests/bench/peers/collect.py $(OUT)/peers/raw $(OUT)/bench/peers.csv
 	$(CREASE) bench pareto -o $(OUT)/bench --peers $(OUT)/bench/peers.csv --force $(if $(QUICK),--quick)

@@ -48,8 +48,13 @@ def _number(value: float) -> str:
 
 def _angles(p: Point) -> str:
     if math.isnan(p.direction_p99_deg):
-        return "silent"
+        return _unseen(p)
     return f"{_number(p.direction_p50_deg)} / {_number(p.direction_p99_deg)}"
+
+
+def _unseen(p: Point) -> str:
+    """Of a point without a direction: it was silent, or its path has no exact table."""
+    return "" if math.isnan(p.force_rms_mm) else "silent"
 
 
 def _settings(points: list[Point]) -> str:
@@ -68,9 +73,9 @@ def _settings(points: list[Point]) -> str:
             p.scene, name, f"{_number(p.p50_us)} / {_number(p.p9999_us)}",
             "" if math.isnan(p.instructions) else f"{round(p.instructions, -3):,.0f}",
             "" if exact else f"{1e-6 * p.image_bytes:.1f}",
-            "0" if exact else f"{_number(p.force_rms_mm)} / {_number(p.force_max_mm)}",
+            "0" if exact else _both(p.force_rms_mm, p.force_max_mm),
             "0" if exact else _angles(p),
-            "" if exact else f"{_number(p.amplification)} ({_number(p.amplification_exact)})",
+            "" if exact else _beside(p.amplification, p.amplification_exact),
         ))  # fmt: skip
     return _table(heads, rows)
 
@@ -86,8 +91,9 @@ def _rivals(points: list[Point]) -> str:
         if not found:
             return ""
         p = found[0]
-        turn = "silent" if math.isnan(p.direction_p99_deg) else _number(p.direction_p99_deg)
-        return f"{_number(p.p50_us)} / {_number(p.force_rms_mm)} / {turn}"
+        turn = _unseen(p) if math.isnan(p.direction_p99_deg) else _number(p.direction_p99_deg)
+        cells = (_number(p.p50_us), _number(p.force_rms_mm), turn)
+        return " / ".join(c for c in cells if c)
 
     names = {p.label: f"**{p.label}**" if p.group == OURS else p.label for p in chosen}
     rows = [(names[label], *(cell(label, scene) for scene in scenes)) for label in labels]
@@ -114,6 +120,16 @@ def _precision(folder: Path) -> str:
             for row in csv.DictReader(file)
         ]  # fmt: skip
     return _table(heads, rows)
+
+
+def _both(one: float, other: float) -> str:
+    """Two errors in few digits; nothing where no exact table is known."""
+    return "" if math.isnan(one) else f"{_number(one)} / {_number(other)}"
+
+
+def _beside(found: float, exact: float) -> str:
+    """A figure, and that of the exact contact where one is known."""
+    return _number(found) if math.isnan(exact) else f"{_number(found)} ({_number(exact)})"
 
 
 def _pair(one: str, other: str) -> str:

@@ -186,6 +186,11 @@ def test_checks_see_wrong_answers(pair: Pair) -> None:
     rows = good.copy()
     rows["depth_m"][3] = 1.0
     assert checks.bounded(pair.here, rows, poses, options) is not None
+    rows["depth_m"][3] = (
+        1.1 * 2.0 * pair.here.scene.meta.tool_radius_m
+    )  # swallowed by more than it is long itself
+    assert checks.bounded(pair.here, rows, poses, options) is None
+    assert checks.bounded(pair.here, rows, poses, replace(options, response="extent")) is not None
     away = poses + np.array([0, 0, 0.3, 0, 0, 0, 0])
     far = checks.answer(pair.here, away, options)
     assert checks.free(pair, pair.here, far, away, options, 1) is None

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from crease.lab.exact import Solids, exact_contact, exact_joined, overlap, world_from_tool
-from crease.replay.replay import ReplayOptions, World, run_path
+from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, World, run_path
 from crease.replay.trajectory import Trajectory
 
 from stress.pool import Pair, Placed, to_frame
@@ -38,6 +38,8 @@ LIPSCHITZ = 64.0
 
 BISECTIONS = 12
 
+ROUNDED = 4.0 * 2.0**-24
+"""Of a sum of 32 bits, over its largest part."""
 CONVEX = ("way_out", "extent")
 """Responses of which more is known where both solids are convex."""
 
@@ -102,16 +104,24 @@ def sound(rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
 
 
 def bounded(placed: Placed, rows: Rows, poses: F64, options: ReplayOptions) -> Violation | None:
-    """No depth of the way out, or of the extent, is more than the tool's diameter."""
+    """No extent is more than the tool's diameter, and no way out more than that and the static object's.
+
+    A tool that is swallowed goes as far as there is matter, and as far again as it is long itself.
+    """
     if options.response not in CONVEX or options.coverage != "soft":
         return None
-    bound_m = 2.0 * float(placed.scene.meta.tool_radius_m)
+    meta = placed.scene.meta
+    bound_m = 2.0 * float(meta.tool_radius_m)
+    if options.response == DEFAULT_RESPONSE:
+        bound_m += float(
+            np.linalg.norm(np.subtract(list(meta.static_max_m), list(meta.static_min_m)))
+        )
     i = int(np.argmax(rows["depth_m"]))
     depth_m = float(rows["depth_m"][i])
     if depth_m <= bound_m * (1 + 1e-3):
         return None
     scale = placed.frame.scale
-    text = f"depth of {1e3 * depth_m / scale:.4g} mm, a tool of {1e3 * bound_m / scale:.4g} mm"
+    text = f"depth of {1e3 * depth_m / scale:.4g} mm, at most {1e3 * bound_m / scale:.4g} mm is possible"
     return Violation("depth", text, depth_m / scale, bound_m / scale, poses[i : i + 1], options)
 
 
@@ -220,14 +230,18 @@ def same_without_skips(
 def same_stiffness(
     placed: Placed, poses: F64, options: ReplayOptions, stiffness_N_m: float
 ) -> Violation | None:
-    """Force is stiffness times a length that does not depend on it, to 1e-5."""
+    """Force is stiffness times a length that does not depend on it, to 1e-5.
+
+    Where contacts oppose each other what is left of them has their rounding: so much of the deepest's push.
+    """
     unlimited = replace(options, force_max_N=NO_LIMIT_N, damping_Ns_m=0.0)
     one = depth_vectors(placed, answer(placed, poses, unlimited), unlimited)
     stiff = replace(unlimited, stiffness_N_m=stiffness_N_m)
     rows = answer(placed, poses, stiff)
     other = depth_vectors(placed, rows, stiff)
     size = np.linalg.norm(one, axis=1)
-    bad = (np.linalg.norm(one - other, axis=1) > 1e-5 * size) & (
+    rounding = ROUNDED * rows["depth_m"].astype(np.float64) / placed.frame.scale
+    bad = (np.linalg.norm(one - other, axis=1) > 1e-5 * size + rounding) & (
         size * stiffness_N_m * placed.frame.scale < 0.99 * NO_LIMIT_N
     )
     if bad.any():

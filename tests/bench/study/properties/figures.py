@@ -10,9 +10,10 @@ import numpy as np
 from crease.draw.plot import COLOURS, STYLE, new_figure
 from crease.lab.setup import machine
 
+from study.labels import spread_labels
 from study.properties.checks import CHECKS
 from study.properties.judge import Row
-from study.properties.tables import kept_share, median_us, read_csv, to_csv
+from study.properties.tables import Record, kept_share, median_us, read_csv, to_csv
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -130,22 +131,31 @@ def row_about(rows: Sequence[Row], name: str) -> str:
     return next(row.scene.about for row in rows if row.scene.name == name)
 
 
-def draw_time(rows: Sequence[Row]) -> Figure:
-    """Share of the ratings that are kept against the time of a tick: a star for the first response, else a dot."""
+def draw_time(records: Sequence[Record]) -> Figure:
+    """Share of the ratings that are kept against the time of a tick: a star for the first response, else a dot.
+
+    records: as `tables.to_csv` writes them.
+    """
     import matplotlib as mpl
 
-    records = read_csv(to_csv(rows))
     with mpl.rc_context(STYLE):
         figure = new_figure(8.6, 5.4)
         axes = figure.subplots()
+        marks: list[tuple[tuple[float, float], tuple[str, str]]] = []
         for i, name in enumerate(dict.fromkeys(r["response"] for r in records)):
             mine = [r for r in records if r["response"] == name]
             place = median_us(mine), 100.0 * kept_share(mine)
             colour = COLOURS[i % len(COLOURS)]
             size, marker = (190, "*") if i == 0 else (60, "X" if name in LIBRARIES else "o")
             axes.scatter(*place, s=size, marker=marker, color=colour, lw=0, zorder=3)
-            axes.annotate(name, place, (7, 3), textcoords="offset points", fontsize=8, color=colour)
+            marks.append((place, (name, colour)))
+        times = [place[0] for place, _ in marks]
+        low_us, high_us = 0.7 * min(times), 3.0 * max(times)
         axes.set_xscale("log")
+        axes.set_xlim(low_us, high_us)
+        across = math.log(high_us / low_us)
+        places = [(math.log(us / low_us) / across, 0.01 * share) for (us, share), _ in marks]
+        spread_labels(axes, places, [label for _, label in marks])
         axes.set_ylim(0.0, 100.0)
         axes.set_xlabel("time of a tick in contact, us (median scene; libraries: of a query)")
         axes.set_ylabel("scenes and properties kept, %")
