@@ -392,7 +392,7 @@ bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplifica
 bench-curved: build/.develop ## balls on torus, saddle, bowl and involute at three tessellations: force and amplification beside the smooth bodies', 6 minutes
 	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/curved.py $(if $(QUICK),--quick --scenes saddle)
 
-bench-six: build/.develop build/meshes/six/.stamp ## held tools of meshes/six by exact judges, beside rivals: tests/bench/SIX.md, 15 minutes
+bench-six: build/.develop build/meshes/six/.stamp ## held tools of meshes/six by exact judges, beside rivals: tests/bench/SIX.md, 25 minutes
 	PYTHONPATH=tests/bench $(PY) tests/bench/six_bench.py $(if $(QUICK),--quick -o $(OUT)/six)
 
 # In its quick form a known jump is no failure of the target: tests/host/test_stress.py tells known violations from new ones.

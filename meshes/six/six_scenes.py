@@ -107,6 +107,24 @@ def drawn_over(path: Path) -> Floats:
     return np.hstack([force, np.zeros((len(x), 3))])
 
 
+def over_edge(path: Path) -> Floats:
+    """The stick's lowest edge before that of the cube at x = 20, z = 0, both in double.
+
+    With the lean held, the way out is along the normal of both edges; of the lean the least energy by Newton's method.
+    """
+    x, z, lean = path[0][:, 0] - 20.0, path[0][:, 2], path[1].as_rotvec()[:, 1]
+    k_t, k_r = 1e-3 * SPRINGS[0], 1e3 * SPRINGS[1]  # N/mm, N mm/rad
+    held = lean.copy()
+    for _ in range(30):
+        gap, arm = x * np.sin(held) + z * np.cos(held), x * np.cos(held) - z * np.sin(held)
+        push = k_t * np.maximum(-gap, 0.0)
+        slope = k_r + np.where(push > 0.0, k_t * arm * arm, 0.0) + push * gap
+        held -= (k_r * (held - lean) - push * arm) / slope
+    none = np.zeros(len(x))
+    force = (push * np.sin(held), none, push * np.cos(held))
+    return np.column_stack([*force, none, SPRINGS[1] * (held - lean), none])
+
+
 def in_socket(path: Path) -> Floats:
     """The ball is led back to where it just touches: 0.1 mm from the middle."""
     far = np.linalg.norm(path[0], axis=1, keepdims=True)
@@ -266,7 +284,29 @@ SCENES: dict[str, Scene] = {
         on_floor(np.zeros((1, 3))),
         how="least energy, double, the tip above the plate's plane",
         ticks=tuple(range(100, 1200, 60)),
-        more={"thick_mm": 1.0, "never_beyond": {"held_origin_above_mm": -0.02}},
+        more={
+            "thick_mm": 1.0,
+            "never_beyond": {"held_origin_above_mm": -0.02},
+            "line_mm": [[0.0, 0.0, 0.0], [0.0, 0.0, 30.0]],
+        },
+    ),
+    "stick_edge": Scene(
+        "Stick with a sharp lower edge, 2 mm deep across the edge of a cube, drawn along itself and leant.",
+        lambda: shapes.box((-20, -20, -40), (20, 20, 0)),
+        shapes.stick,
+        on_table(
+            (0, (30.0, 0.0, -1.0), (0, 30.0, 0)),
+            (300, (30.0, 0.0, -8.0), (0, 30.0, 0)),
+            (400, (48.0, 3.0, -18.4), (0, 30.0, 0)),
+            (300, (40.0, 0.0, -9.4), (0, 20.0, 0)),
+            (300, (30.0, 0.0, -1.0), (0, 30.0, 0)),
+        ),
+        (1.0, 1.0),
+        40.0,
+        formula=over_edge,
+        how="least energy, one lean by Newton's method: the cube's edge against the stick's lowest",
+        ticks=tuple(range(60, 1300, 60)),
+        more={"line_mm": [[-40.0, 0.0, 0.0], [20.0, 0.0, 0.0]]},
     ),
     "jaw": Scene(
         "Fork with a gap of 20.2 mm clamped on a bar of 20 mm, pushed aside, turned and leant.",

@@ -110,6 +110,13 @@ def needle() -> mf.Manifold:
     return hull(np.zeros((1, 3)), ring(4.0, 30.0, 16))
 
 
+def stick() -> mf.Manifold:
+    """From x = -40 to 20, 2 mm wide and high; its lowest edge is the x axis."""
+    across = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 2.0], [0.0, 1.0, 2.0]])
+    ahead = np.array([1.0, 0.0, 0.0])
+    return hull(across - 40.0 * ahead, across + 20.0 * ahead)
+
+
 def bar() -> mf.Manifold:
     """20 mm wide in x, 80 mm in y, top at z = 0, 40 mm high."""
     return box((-10, -40, -40), (10, 40, 0))

@@ -1,8 +1,9 @@
 """The open benchmark of meshes/six: every scene through the coupled tick, judged by exact means, beside rivals.
 
-    python tests/bench/six_bench.py [--quick] [--scenes NAME ...] [--no-rivals] [-o DIR]
+    python tests/bench/six_bench.py [--quick] [--scenes NAME ...] [--no-rivals] [--compare METHOD ...] [-o DIR]
 
-Writes SIX.md and six.csv. A goal that is missed is written down as missed, and is no failure of the program.
+Writes SIX.md, six.csv and six_methods.csv. A goal that is missed is written down as missed, and is no failure of the
+program.
 """
 
 from __future__ import annotations
@@ -174,9 +175,9 @@ def judge_hands(case: Case, scene: Scene, count: int, every: int) -> list[Row]:
 
 def judge_strokes(case: Case, scene: Scene, count: int) -> list[Row]:
     """A cube in any attitude, at 1 m/s, to 10 mm below the plate's top: how many come through."""
-    through = six_compare.let_through(
-        six_compare.runner(six_compare.OURS, scene, case.springs), count
-    )
+    run = six_compare.runner(six_compare.OURS, scene, case.springs)
+    assert run is not None
+    through = six_compare.let_through(run, count)
     return [Row.most(case.name, f"let through, of {count:,} strokes at 1 m/s", 0.0, float(through))]
 
 
@@ -217,6 +218,19 @@ def bench(extent: Extent, say: bool = True) -> list[Row]:
     return rows
 
 
+HANDS, STROKES = 10, 50
+"""Of the comparison."""
+
+
+def compare(methods: Sequence[str], folder: Path) -> str:
+    """These methods measured, those of the file beside them: the section of the page."""
+    file = folder / "six_methods.csv"
+    found = [f for f in six_compare.read(file) if f.method not in methods]
+    found += six_compare.measure(DATA, IMAGES, HANDS, STROKES, methods=methods)
+    six_compare.write(file, found)
+    return six_compare.page(six_compare.read(file), HANDS, STROKES)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Command line; see the module text."""
     parser = argparse.ArgumentParser(
@@ -227,18 +241,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenes", nargs="+", metavar="NAME", choices=names)
     parser.add_argument("--no-rivals", action="store_true")
     parser.add_argument(
+        "--compare",
+        nargs="+",
+        metavar="METHOD",
+        choices=six_compare.METHODS,
+        help="measure these methods alone, and put their rows into the page that is there",
+    )
+    parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="tests/bench; build/six for a part"
     )
     args = parser.parse_args(arguments)
+    if args.compare:
+        folder = args.output or ROOT / "tests" / "bench"
+        six_report.renew(folder, compare(args.compare, folder))
+        return
     if args.quick:
         extent = Extent(tuple(args.scenes or QUICK), 20, 0, 50, 1, False)
     else:
         extent = Extent(tuple(args.scenes or names), 4, 50, 10_000, 3, not args.scenes)
     rows, more = bench(extent), ""
-    if not (args.quick or args.scenes or args.no_rivals):
-        more, _ = six_compare.compare(DATA, IMAGES, 10, 50)
-    page = ROOT / "tests" / "bench" if more else ROOT / "build" / "six"
-    six_report.write(args.output or page, rows, more)
+    whole = not (args.quick or args.scenes or args.no_rivals)
+    folder = args.output or ROOT / ("tests/bench" if whole else "build/six")
+    if whole:
+        more = compare(six_compare.METHODS, folder)
+    six_report.write(folder, rows, more)
 
 
 if __name__ == "__main__":

@@ -33,10 +33,11 @@ class Row:
         return cls(scene, what, f">= {goal:.3g}", measured, measured >= goal)
 
 
+SECTION = "\n## Beside other methods\n"
 WORDS = {True: "kept", False: "**missed**", None: ""}
 HEAD = """# Six degrees of freedom, measured
 
-    make bench-six                      # 15 minutes; writes this page and six.csv
+    make bench-six                      # 25 minutes; writes this page, six.csv and six_methods.csv
 
 Scenes, paths and exact wrenches: [meshes/six](../../meshes/six/README.md); what is judged and how is said there.
 Where goals are missed, and why where that is known: [DESIGN.md](../../firmware/couple/DESIGN.md#not-there-yet).
@@ -104,3 +105,10 @@ def write(folder: Path, rows: Sequence[Row], more: str = "") -> None:
                     {True: "yes", False: "no", None: ""}[r.kept],
                 )
             )
+
+
+def renew(folder: Path, section: str) -> None:
+    """The section of other methods in the page that is there."""
+    file = folder / "SIX.md"
+    head = file.read_text(encoding="utf-8").split(SECTION)[0] if file.exists() else ""
+    file.write_text(head + section, encoding="utf-8")
