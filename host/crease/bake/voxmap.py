@@ -287,8 +287,8 @@ class CellSorter:
 def flat_facets(facet_patch: I32, facet: I32) -> npt.NDArray[np.bool_]:
     """Facets that are felt as planes: alone in their patch, or all that some brick sees.
 
-    The others are facets of a round surface, and are felt as the patch: what a tool is inside of would pass from the one
-    to the other as its samples cross the cells between them, and the force with it. Shapes: facet (bricks, 9, 9, 9).
+    The others are facets of a round surface, and are felt as the patch in all of their cells: where some were planes,
+    the force would jump as samples come from the ones to the others. Shapes: facet (bricks, 9, 9, 9).
     """
     flat = np.asarray(np.bincount(facet_patch)[facet_patch] == 1)
     seen = facet.reshape(len(facet), -1)
