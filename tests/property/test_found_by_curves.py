@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import curved
 import numpy as np
-import numpy.typing as npt
 import pytest
 import shapes
 from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.surface import make_surface
 from crease.bake.voxmap import flat_facets
 from crease.base.scene import open_image
 from crease.replay.replay import ReplayOptions
@@ -40,9 +40,18 @@ def test_a_ball_on_a_coarse_round_part_is_not_kicked(cause: str) -> None:
 
 
 def test_facets_that_no_brick_sees_alone_are_round() -> None:
-    """A facet alone in its patch stays a plane; of a patch of several those that fill a brick do."""
-    patch: npt.NDArray[np.int32] = np.array([0, 1, 1, 1, 2], np.int32)
-    seen = np.zeros((3, 9, 9, 9), np.int32)
-    seen[0], seen[1], seen[2] = 1, 2, 4
-    seen[1, 8, 8, 8] = 3
-    np.testing.assert_array_equal(flat_facets(patch, seen), [True, True, False, False, True])
+    """Those of a saddle's top but for its rim; one that fills a brick stays a plane, and so do the base's."""
+    surface = make_surface(curved.mesh_of(curved.saddle_mesh(8)), 30.0)
+    top = surface.facet_patch[surface.facet_of[0]]
+    round_ = np.flatnonzero(surface.facet_patch == top)
+    middle = 1e3 * surface.mesh.vertices_m[surface.mesh.triangles].mean(axis=1)
+    inner = np.zeros(len(surface.facet_patch), bool)
+    inner[surface.facet_of[np.abs(middle[:, :2]).max(axis=1) < 30.0 - 60.0 / 8]] = True
+    inner[surface.facet_patch != top] = False
+    assert 0 < inner.sum() < len(round_)
+    seen = np.zeros((2, 9, 9, 9), np.int32)
+    seen[0], seen[1] = np.flatnonzero(inner)[:2]
+    seen[1, 8, 8, 8] = seen[0, 0, 0, 0]
+    expected = ~inner
+    expected[seen[0, 0, 0, 0]] = True
+    np.testing.assert_array_equal(flat_facets(surface, seen), expected)

@@ -103,7 +103,7 @@ class CellSorter:
 
         Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
         """
-        self._flat = flat_facets(self._surface.facet_patch, facet)
+        self._flat = flat_facets(self._surface, facet)
         result, hard = self.sort_plain(where, phi, facet)
         work.begin("creases", len(hard))
         if len(hard):
@@ -284,13 +284,19 @@ class CellSorter:
         return tuple(rows)
 
 
-def flat_facets(facet_patch: I32, facet: I32) -> npt.NDArray[np.bool_]:
-    """Facets that are felt as planes: alone in their patch, or all that some brick sees.
+def flat_facets(surface: Surface, facet: I32) -> npt.NDArray[np.bool_]:
+    """Facets that are felt as planes: alone in their patch, at a crease, or all that some brick sees.
 
     The others are facets of a round surface, and are felt as the patch in all of their cells: where some were planes,
     the force would jump as samples come from the ones to the others. Shapes: facet (bricks, 9, 9, 9).
     """
-    flat = np.asarray(np.bincount(facet_patch)[facet_patch] == 1)
+    triangles, patch = surface.mesh.triangles, surface.patch_of[:, None]
+    low = np.full(surface.counts["vertices"], surface.counts["patches"])
+    high = np.full(surface.counts["vertices"], -1)
+    np.minimum.at(low, triangles, patch)
+    np.maximum.at(high, triangles, patch)
+    flat = np.asarray(np.bincount(surface.facet_patch)[surface.facet_patch] == 1)
+    flat[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
     seen = facet.reshape(len(facet), -1)
     flat[seen[(seen == seen[:, :1]).all(axis=1), 0]] = True
     return flat
