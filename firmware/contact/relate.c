@@ -196,11 +196,23 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const f
     return v3_mad(sum, left, trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, bent * per_left)));
 }
 
-/* Planes that zone a is below: of the flat zones that it is related to and does not lie above. */
+/* Room for one more bound of this weight: where there is none, that of the lightest. Null when none is lighter. */
+static cr_way_bound *bound_for(cr_way_half *out, float weight_m3) {
+    if (out->bound_count < CR_WAY_BOUNDS_MAX) {
+        return &out->bounds[out->bound_count++];
+    }
+    cr_way_bound *least = &out->bounds[0];
+    for (uint32_t b = 1; b < CR_WAY_BOUNDS_MAX; b++) {
+        least = out->bounds[b].weight_m3 < least->weight_m3 ? &out->bounds[b] : least;
+    }
+    return least->weight_m3 < weight_m3 ? least : NULL;
+}
+
+/* Planes that zone a is below: of the flat zones that it is related to and does not lie above, the weightiest; each is of one zone. */
 static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const cr_way_relations *r, uint32_t a,
                         cr_way_half *out) {
     out->bound_count = 0u;
-    for (uint32_t c = 0; c < zones->count && out->bound_count < CR_WAY_BOUNDS_MAX; c++) {
+    for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
         const int sure = a == c || (z->patch != zones->zones[a].patch &&
                                     cr_pair_label(scene, z->patch, zones->zones[a].patch) == CR_PAIR_CONVEX);
@@ -209,22 +221,11 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         if ((z->key.surface & CR_WAY_CURVED) != 0u || !(held > 0.0f)) {
             continue;
         }
-        uint32_t b = 0u;
-        while (b < out->bound_count && out->bounds[b].facet != z->key.surface) {
-            b++;
+        cr_way_bound *bound = bound_for(out, held * z->weight_m3);
+        if (bound != NULL) {
+            *bound = (cr_way_bound){z->key.surface, r->unit[c],     -v3_dot(r->unit[c], r->touched[c]),
+                                    held,           (uint32_t)sure, held * z->weight_m3};
         }
-        cr_way_bound *bound = &out->bounds[b];
-        if (b == out->bound_count) {
-            out->bound_count++;
-            bound->part = bound->weight_m3 = 0.0f;
-            bound->sure = 0u;
-        }
-        bound->facet = z->key.surface;
-        bound->sure |= (uint32_t)sure;
-        bound->normal = r->unit[c];
-        bound->offset_m = -v3_dot(r->unit[c], r->touched[c]);
-        bound->part = max_f(bound->part, held);
-        bound->weight_m3 += held * z->weight_m3;
     }
 }
 

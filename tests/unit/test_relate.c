@@ -140,6 +140,30 @@ static void round_wall_counts_as_a_whole(void **state) {
     }
 }
 
+/* Of more planes than there is room for the weightiest bound the way out, whatever their order: that of a facet which is hardly touched comes from afar, and
+ * beside the steps of a round surface another takes its place. */
+static void weightiest_planes_bound_a_half_space(void **state) {
+    (void)state;
+    const uint32_t count = CR_WAY_BOUNDS_MAX + 3u;
+    for (uint32_t back = 0; back < 2u; back++) {
+        clear(NULL);
+        for (uint32_t i = 0; i < count; i++) {
+            const uint32_t k = back != 0u ? count - 1u - i : i;
+            const float turn = 0.05f * (float)k;
+            add_zone(v3(sinf(turn), 0.0f, cosf(turn)), (float)(1u + k), v3(0.0f, 0.0f, 1.0f));
+        }
+        const cr_way_half *half = join_first();
+        assert_int_equal(half->bound_count, CR_WAY_BOUNDS_MAX);
+        float least = 1.0f, sum = 0.0f;
+        for (uint32_t b = 0; b < half->bound_count; b++) {
+            least = fminf(least, half->bounds[b].weight_m3);
+            sum += half->bounds[b].weight_m3;
+        }
+        assert_near((double)least, 4.0 * (double)WEIGHT_M3, 1e-12);
+        assert_near((double)sum, (4.0 + 5.0 + 6.0 + 7.0 + 8.0 + 9.0) * (double)WEIGHT_M3, 1e-12);
+    }
+}
+
 /* One sample tells nothing of a direction that no normal has, four tell as much as a hundred, two and a half tell half of it. */
 static void few_samples_tell_no_new_direction(void **state) {
     (void)state;
@@ -374,6 +398,7 @@ int main(void) {
         cmocka_unit_test_setup(leaning_within_the_spread_of_a_bent_surface_is_trusted, clear),
         cmocka_unit_test_setup(round_wall_counts_as_a_whole, clear),
         cmocka_unit_test_setup(faces_of_120_degrees_are_two_sides, clear),
+        cmocka_unit_test_setup(weightiest_planes_bound_a_half_space, clear),
         cmocka_unit_test_setup(few_samples_tell_no_new_direction, clear),
         cmocka_unit_test_setup(minority_tells_no_new_direction, clear),
         cmocka_unit_test_setup(sum_that_normals_do_not_tell_does_not_lead, clear),

@@ -96,12 +96,14 @@ class CellSorter:
             surface.counts["patches"] + len(surface.facet_patch), -1, np.int32
         )
         self._patch_start = np.searchsorted(surface.facet_patch[self._by_patch], patches)
+        self._flat = np.ones(len(surface.facet_patch), bool)
 
     def sort(self, where: npt.NDArray[np.int64], phi: F64, facet: I32, work: Forecast) -> I32:
         """Kind index of each cell.
 
         Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
         """
+        self._flat = flat_facets(self._surface, facet)
         result, hard = self.sort_plain(where, phi, facet)
         work.begin("creases", len(hard))
         if len(hard):
@@ -189,6 +191,8 @@ class CellSorter:
         """Kind of a cell that sees one facet (key >= 0) or one patch (key = -1 - patch)."""
         if key < 0 and len(self._facets_of(-1 - key)) == 1:
             key = int(self._facets_of(-1 - key)[0])
+        if key >= 0 and not self._flat[key]:
+            key = -1 - int(self._surface.facet_patch[key])
         if key >= 0:
             return self.kinds.index(int(lib.CR_KIND_PLANAR), (self.kinds.planar(key),))
         return self.kinds.index(int(lib.CR_KIND_CURVED), (self.kinds.curved(-1 - key),))
@@ -274,10 +278,28 @@ class CellSorter:
             mine = facets[patches == patch]
             rows.append(
                 self.kinds.planar(int(mine[0]))
-                if len(mine) == 1
+                if len(mine) == 1 and self._flat[mine[0]]
                 else self.kinds.local(mine, int(patch))
             )
         return tuple(rows)
+
+
+def flat_facets(surface: Surface, facet: I32) -> npt.NDArray[np.bool_]:
+    """Facets that are felt as planes: alone in their patch, at a crease, or all that some brick sees.
+
+    The others are facets of a round surface, and are felt as the patch in all of their cells: where some were planes,
+    the force would jump as samples come from the ones to the others. Shapes: facet (bricks, 9, 9, 9).
+    """
+    triangles, patch = surface.mesh.triangles, surface.patch_of[:, None]
+    low = np.full(surface.counts["vertices"], surface.counts["patches"])
+    high = np.full(surface.counts["vertices"], -1)
+    np.minimum.at(low, triangles, patch)
+    np.maximum.at(high, triangles, patch)
+    flat = np.asarray(np.bincount(surface.facet_patch)[surface.facet_patch] == 1)
+    flat[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
+    seen = facet.reshape(len(facet), -1)
+    flat[seen[(seen == seen[:, :1]).all(axis=1), 0]] = True
+    return flat
 
 
 def _sets(facet: I32) -> list[tuple[int, ...]]:
