@@ -12,7 +12,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from crease.bake.grid import Grid, brick_points, lattice, make_grid, trilinear
-from crease.bake.kinds import KINDS_MAX, Kinds, convex_distance
+from crease.bake.kinds import KINDS_MAX, Kinds, Probes
 from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, FINE_UNIT, KIND_FACETS_MAX
 from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
@@ -35,8 +35,6 @@ PROBE_SIDE = 5
 """Points a side at which the planes of a crease cell are checked against exact distances."""
 PROBE_MARGIN = 0.4
 """How far, in cells, the probes reach beyond the cell: planes that only just matter inside are seen."""
-FEW = 13
-"""Every so many probes are looked at first: most planes that do not agree are seen to by ten of them."""
 BRICKS_MAX = 1_000_000
 AT_ONCE = 256
 """Bricks whose cells are looked at together: more than that leave the cache."""
@@ -224,49 +222,40 @@ class CellSorter:
         for i, key in enumerate(_sets(facet)):
             groups.setdefault(key, []).append(i)
         kinds = np.zeros(len(points), np.int32)
-        for key, rows in groups.items():
-            kinds[rows] = self._judge_set(key, points[rows], phi[rows])
+        probes = Probes(
+            points, phi, self._grid.near_m, 0.5 * self._tolerance_m, 0.5 * self._grid.voxel_m
+        )
+        for key, cells in groups.items():
+            self._judge_set(key, np.array(cells, np.int64), probes, kinds)
         return kinds
 
-    def _judge_set(self, facets: tuple[int, ...], points: F64, phi: F64) -> I32:
-        patches = self._surface.facet_patch[list(facets)]
+    def _judge_set(
+        self,
+        facets: tuple[int, ...],
+        left: npt.NDArray[np.int64],
+        probes: Probes,
+        kinds: I32,
+    ) -> None:
+        """Write the kinds of the cells `left`, which see these facets."""
         if len(facets) == 1:
-            return np.full(len(points), self._plain(facets[0]), np.int32)
+            kinds[left] = self._plain(facets[0])
+            return
+        patches = self._surface.facet_patch[list(facets)]
         if (patches == patches[0]).all():
-            return np.full(len(points), self._plain(-1 - int(patches[0])), np.int32)
-        left = np.ones(len(points), bool)
-        kinds = np.zeros(len(points), np.int32)
+            kinds[left] = self._plain(-1 - int(patches[0]))
+            return
         if len(facets) <= KIND_FACETS_MAX:
             planes = self._surface.facet_plane[list(facets)]
             rows = tuple(self.kinds.planar(f) for f in facets)
             for kind, sign in ((lib.CR_KIND_CONVEX, 1.0), (lib.CR_KIND_CONCAVE, -1.0)):
-                good = np.flatnonzero(left)
-                for probes in (slice(None, None, FEW), slice(None)):
-                    if len(good):
-                        agree = self._planes_agree(
-                            sign, planes, points[good, probes], phi[good, probes]
-                        )
-                        good = good[agree]
+                good = probes.agreeing(sign, planes, left)
                 if len(good):
                     kinds[good] = self.kinds.index(int(kind), rows)
-                    left[good] = False
-        if left.any():
+                    left = left[~np.isin(left, good)]
+        if len(left):
             kinds[left] = self.kinds.index(
                 int(lib.CR_KIND_MIXED), self._mixed(np.array(facets), patches)
             )
-        return kinds
-
-    def _planes_agree(
-        self, sign: float, planes: F64, points: F64, phi: F64
-    ) -> npt.NDArray[np.bool_]:
-        value = sign * convex_distance(sign * planes, points.reshape(-1, 3)).reshape(phi.shape)
-        return self._agrees(value, phi)
-
-    def _agrees(self, value: F64, phi: F64) -> npt.NDArray[np.bool_]:
-        error = np.abs(value - phi)
-        near = np.abs(phi) < self._grid.near_m
-        allowed = np.where(near, 0.5 * self._tolerance_m, 0.5 * self._grid.voxel_m)
-        return np.asarray((error <= allowed).all(axis=1))
 
     def _mixed(self, facets: npt.NDArray[np.int64], patches: I32) -> tuple[int, ...]:
         rows = []
