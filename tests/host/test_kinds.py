@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from crease.bake.kinds import Probes, distance_from_planes
+
+F64 = npt.NDArray[np.float64]
 
 EDGES_M = np.array([0.01, -0.02, 0.03])
 PLANES = np.column_stack([np.eye(3), EDGES_M])
 """A corner: the solid is where each coordinate is below that of EDGES_M."""
 
 
-def points(count: int = 3000) -> np.ndarray:
+def points(count: int = 3000) -> F64:
     return np.asarray(EDGES_M + np.random.default_rng(8).uniform(-0.02, 0.02, (count, 3)))
 
 
-def of_corner(at: np.ndarray) -> np.ndarray:
+def of_corner(at: F64) -> F64:
     """Signed distance to the corner: nearest is a face, an edge or the vertex."""
     above = at - EDGES_M
-    return np.where(
-        (above > 0).any(axis=1), np.linalg.norm(np.maximum(above, 0.0), axis=1), above.max(axis=1)
-    )
+    outside = np.linalg.norm(np.maximum(above, 0.0), axis=1)
+    return np.asarray(np.where((above > 0).any(axis=1), outside, above.max(axis=1)))
 
 
 def test_planes_give_the_distance_to_a_corner_and_to_its_complement() -> None:

@@ -24,8 +24,8 @@ PIECE_NONE = 0xFFFF
 WITNESSES = 64
 """Of the clusters of a piece so many are asked whether they see a new one."""
 KNOWN_BOXES = 64
-"""Boxes along the longest side of a tool whose distances are kept: they tell of most ways that they are inside. With twice
-as many pieces take up to half as long again: filling them costs more than they save."""
+"""Boxes along the longest side of a tool whose distances are kept: they tell of most ways that they are inside. With
+twice as many pieces take up to half as long again: filling them costs more than they save."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
 
