@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
 from crease.bake.grid import Grid, lattice
-from crease.bake.refine import FREE, HALVES, QUARTERS, Coarse, Fine, _levels, pack_fine, refine
+from crease.bake.refine import (
+    BLOCK_BYTES,
+    FINE_BYTES,
+    FREE,
+    HALVES,
+    QUARTERS,
+    Coarse,
+    Fine,
+    _levels,
+    pack_fine,
+    refine,
+)
 
 SIDE = 8
 TOLERANCE_M = 1e-4
@@ -139,6 +152,11 @@ def test_a_thin_wall_takes_a_small_image(thick_mm: float) -> None:
 def test_blocks_that_take_much_room_have_quarters_only_where_halves_miss_the_tolerance() -> None:
     off_m = np.array([0.4, 0.6, 1.1]) * TOLERANCE_M
     assert _levels(off_m, TOLERANCE_M).tolist() == [HALVES, QUARTERS, QUARTERS]
+    # Where there is room for some, those that halves miss most have them, and none is over the room.
+    some = np.linspace(0.3, 0.95, 8000) * TOLERANCE_M
+    level = _levels(some, TOLERANCE_M)
+    assert 0.99 * FINE_BYTES < BLOCK_BYTES[level].sum() <= FINE_BYTES
+    assert (np.diff(level) >= 0).all()
     many = np.repeat(off_m, 10_000)
     assert _levels(many, TOLERANCE_M)[[0, 10_000, 20_000]].tolist() == [HALVES, HALVES, QUARTERS]
 
@@ -173,3 +191,35 @@ def test_kinds_and_samples_are_in_the_image_once_and_used() -> None:
     }
     assert len(blocks) == len(np.unique(plain["samples"])) < len(plain)
     assert (bricks["cells"] != CELLS_NONE).any()
+    tables = cells.view(np.uint16).reshape(-1, 512)
+    assert len(np.unique(tables, axis=0)) == len(tables)
+    assert len(tables) < (bricks["cells"] != CELLS_NONE).sum()
+    fine = bricks["fine"] == 1
+    assert bricks["samples"][fine].max(initial=0) < bricks["samples"][~fine].min()
+
+
+def test_voxels_with_the_same_samples_share_a_block() -> None:
+    rng = np.random.default_rng(2)
+    samples = rng.uniform(-1e-3, 1e-3, (4, 5, 5, 5)).astype(np.float32)
+    samples[2] = samples[0]
+    level = np.array([QUARTERS, HALVES, QUARTERS, HALVES], np.int8)
+    fine = Fine(np.zeros(4, np.int64), np.array([3, 70, 200, 511]), level, samples)
+    packed = pack_fine(np.zeros(729, np.int16), fine, fine.of_brick(0), 1e-6)
+    table = packed[736 : 736 + 512].astype(int)
+    assert np.flatnonzero(table).tolist() == [3, 70, 200, 511]
+    assert table[200] == table[3] != table[511]
+    assert len(packed) == 1248 + 128 + 32 + 32
+
+
+@pytest.mark.slow
+def test_a_machined_part_at_defaults_takes_no_more_than_4_mebibytes() -> None:
+    from crease.bake.bake import bake_scene
+    from crease.mesh.mesh import load_mesh
+
+    meshes = Path(__file__).resolve().parents[2] / "build" / "meshes"
+    made = bake_scene(
+        load_mesh(meshes / "featuretype.stl", "mm"), load_mesh(meshes / "ball15.stl", "mm")
+    )
+    assert len(made.image) <= 4 * 2**20
+    # What it was with more room.
+    assert float(str(made.report["error_max_m"])) < 0.15e-3

@@ -32,8 +32,9 @@ FREE = 3
 """Level of voxels that take their distances from planes near the surface: they hold nothing back in others."""
 SHARE = 0.5
 """Once a brick has a voxel that misses the tolerance, its voxels are refined down to this share of it."""
-FINE_BYTES = 1_500_000
-"""Blocks of more bytes together have quarters only where halves miss the tolerance itself."""
+FINE_BYTES = 900_000
+"""Room for all blocks: where they take more, quarters go to the voxels that halves miss most, and to all in which
+halves miss the tolerance itself."""
 BRICKS_AT_ONCE, VOXELS_AT_ONCE = 256, 4096
 
 
@@ -119,10 +120,12 @@ def refine(
 
 def _levels(off_m: F64, tolerance_m: float) -> npt.NDArray[np.int8]:
     """Halves or quarters, by how far halves are off, (n,)."""
-    level = np.where(off_m > SHARE * tolerance_m, QUARTERS, HALVES)
-    if BLOCK_BYTES[level].sum() > FINE_BYTES:
-        level = np.where(off_m > tolerance_m, QUARTERS, HALVES)
-    return level.astype(np.int8)
+    limit_m = SHARE * tolerance_m
+    halves, quarters = (int(BLOCK_BYTES[k]) for k in (HALVES, QUARTERS))
+    most = max(0, FINE_BYTES - halves * len(off_m)) // (quarters - halves)
+    if most < len(off_m):
+        limit_m = float(np.clip(np.sort(off_m)[-1 - most], limit_m, tolerance_m))
+    return np.where(off_m > limit_m, QUARTERS, HALVES).astype(np.int8)
 
 
 def _parts(rows: I64, size: int) -> Iterator[I64]:
@@ -236,14 +239,20 @@ def _least(around: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
 def pack_fine(
     corners: npt.NDArray[np.int16], fine: Fine, rows: slice, quantum_m: float
 ) -> npt.NDArray[np.int16]:
-    """Samples of a fine brick as the image has them: its corners (729,), the table of its voxels, their blocks."""
+    """Samples of a fine brick as the image has them: its corners (729,), the table of its voxels, their blocks.
+
+    Voxels with the same samples share a block, as those along a straight edge or a bore do.
+    """
     table = np.zeros(CELLS_SIDE**3, np.int16)
     parts = [np.pad(corners, (0, FINE_TABLE - len(corners))), table]
     at = FINE_BLOCKS
+    seen: dict[bytes, int] = {}
     values = np.clip(np.rint(fine.samples[rows] / quantum_m), -32767, 32767).astype(np.int16)
     for block, voxel, level in zip(values, fine.voxel[rows], fine.level[rows], strict=True):
         own = (block if level == QUARTERS else block[::2, ::2, ::2]).reshape(-1)
-        table[voxel] = at // FINE_UNIT | (FINE_QUARTERS if level == QUARTERS else 0)
-        parts.append(np.pad(own, (0, -len(own) % FINE_UNIT)))
-        at += len(parts[-1])
+        place = seen.setdefault(own.tobytes(), at)
+        table[voxel] = place // FINE_UNIT | (FINE_QUARTERS if level == QUARTERS else 0)
+        if place == at:
+            parts.append(np.pad(own, (0, -len(own) % FINE_UNIT)))
+            at += len(parts[-1])
     return np.concatenate(parts)

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from crease.bake.grid import Grid, brick_points, lattice, make_grid, trilinear
 from crease.bake.kinds import KINDS_MAX, Kinds, Probes
-from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, FINE_UNIT, KIND_FACETS_MAX
+from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX
 from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.refine import Coarse, Fine, pack_fine, refine
@@ -439,39 +439,53 @@ def _pack_bricks(
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
     creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
+    bricks["side"] = 2**level
+    bricks["samples"], bricks["fine"], samples = _pack_samples(phi, fine, level, quantum_m)
+    bricks["cells"], tables = _pack_cells(cells)
+    of_cells = np.where(bricks["cells"] == CELLS_NONE, cells[:, 0, 0, 0], 0)
+    bricks["kind"] = np.where(planes.least != 0, planes.least, of_cells)
+    bricks["planes"] = planes.most
+    bricks["creased"] = creased[cells].any(axis=(1, 2, 3))
+    return bricks, samples, tables
+
+
+def _pack_samples(
+    phi: F64, fine: Fine, level: I32, quantum_m: float
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.bool_], npt.NDArray[np.int16]]:
+    """Where the samples of each brick are, whether they are fine, and all of them.
+
+    Fine bricks come first: their blocks begin at lines of memory, without gaps between. Others share equal samples.
+    """
+    is_fine = np.zeros(len(phi), bool)
+    is_fine[fine.brick] = True
+    place = np.zeros(len(phi), np.uint32)
     parts: list[npt.NDArray[np.int16]] = []
-    tables: list[npt.NDArray[np.uint16]] = []
-    at = 0
     seen: dict[bytes, int] = {}
-    for i in range(len(phi)):
+    at = 0
+    for i in np.argsort(~is_fine, kind="stable").tolist():
         step = 2 ** (BASE_LEVEL - int(level[i]))
         values = phi[i, ::step, ::step, ::step]
         data = np.clip(np.rint(values / quantum_m), -32767, 32767).astype(np.int16).reshape(-1)
-        rows = fine.of_brick(i)
-        if rows.start < rows.stop:
-            data = pack_fine(data, fine, rows, quantum_m)
-            # Blocks of voxels begin at lines of memory.
-            gap = -at % FINE_UNIT
-            parts.append(np.zeros(gap, np.int16))
-            at += gap
-            bricks[i]["fine"] = 1
-        uniform = bool((cells[i] == cells[i, 0, 0, 0]).all())
-        bricks[i]["samples"], bricks[i]["side"] = at, 2 ** int(level[i])
-        bricks[i]["cells"] = CELLS_NONE if uniform else len(tables) * CELLS_SIDE**3
-        bricks[i]["kind"] = planes.least[i] if planes.least[i] or not uniform else cells[i, 0, 0, 0]
-        bricks[i]["planes"] = planes.most[i]
-        bricks[i]["creased"] = bool(creased[cells[i]].any())
-        if not uniform:
-            tables.append(cells[i].reshape(-1).astype(np.uint16))
-        if not bricks[i]["fine"]:
-            # Bricks with the same samples share them.
-            bricks[i]["samples"] = seen.setdefault(data.tobytes(), at)
-            if bricks[i]["samples"] != at:
-                continue
-        parts.append(data)
-        at += len(data)
-    return (
-        bricks,
-        np.concatenate(parts),
-        np.concatenate(tables) if tables else np.zeros(0, np.uint16),
-    )
+        if is_fine[i]:
+            data = pack_fine(data, fine, fine.of_brick(i), quantum_m)
+            place[i] = at
+        else:
+            place[i] = seen.setdefault(data.tobytes(), at)
+        if place[i] == at:
+            parts.append(data)
+            at += len(data)
+    return place, is_fine, np.concatenate(parts)
+
+
+def _pack_cells(cells: I32) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint16]]:
+    """Where the cell table of each brick is, CELLS_NONE for one kind all over, and all tables: equal ones once."""
+    flat = cells.reshape(len(cells), -1)
+    place = np.full(len(cells), CELLS_NONE, np.uint32)
+    seen: dict[bytes, int] = {}
+    tables: list[npt.NDArray[np.uint16]] = []
+    for i in np.flatnonzero((flat != flat[:, :1]).any(axis=1)).tolist():
+        table = flat[i].astype(np.uint16)
+        place[i] = seen.setdefault(table.tobytes(), len(tables) * CELLS_SIDE**3)
+        if place[i] == len(tables) * CELLS_SIDE**3:
+            tables.append(table)
+    return place, np.concatenate(tables) if tables else np.zeros(0, np.uint16)
