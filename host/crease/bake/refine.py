@@ -32,9 +32,8 @@ FREE = 3
 """Level of voxels that take their distances from planes near the surface: they hold nothing back in others."""
 SHARE = 0.5
 """Once a brick has a voxel that misses the tolerance, its voxels are refined down to this share of it."""
-FINE_BYTES = 900_000
-"""Room for all blocks: where they take more, quarters go to the voxels that halves miss most, and to all in which
-halves miss the tolerance itself."""
+FINE_BYTES = 1_500_000
+"""Blocks of more bytes together have quarters only where halves miss the tolerance itself."""
 BRICKS_AT_ONCE, VOXELS_AT_ONCE = 256, 4096
 
 
@@ -120,12 +119,10 @@ def refine(
 
 def _levels(off_m: F64, tolerance_m: float) -> npt.NDArray[np.int8]:
     """Halves or quarters, by how far halves are off, (n,)."""
-    limit_m = SHARE * tolerance_m
-    halves, quarters = (int(BLOCK_BYTES[k]) for k in (HALVES, QUARTERS))
-    most = max(0, FINE_BYTES - halves * len(off_m)) // (quarters - halves)
-    if most < len(off_m):
-        limit_m = float(np.clip(np.sort(off_m)[-1 - most], limit_m, tolerance_m))
-    return np.where(off_m > limit_m, QUARTERS, HALVES).astype(np.int8)
+    level = np.where(off_m > SHARE * tolerance_m, QUARTERS, HALVES)
+    if BLOCK_BYTES[level].sum() > FINE_BYTES:
+        level = np.where(off_m > tolerance_m, QUARTERS, HALVES)
+    return level.astype(np.int8)
 
 
 def _parts(rows: I64, size: int) -> Iterator[I64]:

@@ -377,7 +377,7 @@ def make_voxmap(
     work.begin("packing", len(where) + len(fine.brick))
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
-    bricks, samples, tables = _pack_bricks(phi, fine, level, cells, planes, kinds, quantum)
+    bricks, samples, tables = _pack_bricks(where, phi, fine, level, cells, planes, kinds, quantum)
     names = {
         int(getattr(lib, f"CR_KIND_{n}")): n.lower()
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
@@ -429,6 +429,7 @@ def base_samples(
 
 
 def _pack_bricks(
+    where: npt.NDArray[np.int64],
     phi: F64,
     fine: Fine,
     level: I32,
@@ -440,7 +441,7 @@ def _pack_bricks(
     creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
     bricks["side"] = 2**level
-    bricks["samples"], bricks["fine"], samples = _pack_samples(phi, fine, level, quantum_m)
+    bricks["samples"], bricks["fine"], samples = _pack_samples(where, phi, fine, level, quantum_m)
     bricks["cells"], tables = _pack_cells(cells)
     of_cells = np.where(bricks["cells"] == CELLS_NONE, cells[:, 0, 0, 0], 0)
     bricks["kind"] = np.where(planes.least != 0, planes.least, of_cells)
@@ -450,11 +451,12 @@ def _pack_bricks(
 
 
 def _pack_samples(
-    phi: F64, fine: Fine, level: I32, quantum_m: float
+    where: npt.NDArray[np.int64], phi: F64, fine: Fine, level: I32, quantum_m: float
 ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.bool_], npt.NDArray[np.int16]]:
     """Where the samples of each brick are, whether they are fine, and all of them.
 
-    Fine bricks come first: their blocks begin at lines of memory, without gaps between. Others share equal samples.
+    Fine bricks come first: their blocks begin at lines of memory, without gaps between. Of the others equal ones share
+    their samples, and one above another its lowest layer with the highest of that.
     """
     is_fine = np.zeros(len(phi), bool)
     is_fine[fine.brick] = True
@@ -462,18 +464,20 @@ def _pack_samples(
     parts: list[npt.NDArray[np.int16]] = []
     seen: dict[bytes, int] = {}
     at = 0
-    for i in np.argsort(~is_fine, kind="stable").tolist():
+    columns = np.lexsort((where[:, 2], where[:, 1], where[:, 0]))
+    for i in [*np.flatnonzero(is_fine).tolist(), *columns[~is_fine[columns]].tolist()]:
         step = 2 ** (BASE_LEVEL - int(level[i]))
         values = phi[i, ::step, ::step, ::step]
         data = np.clip(np.rint(values / quantum_m), -32767, 32767).astype(np.int16).reshape(-1)
         if is_fine[i]:
             data = pack_fine(data, fine, fine.of_brick(i), quantum_m)
-            place[i] = at
-        else:
-            place[i] = seen.setdefault(data.tobytes(), at)
-        if place[i] == at:
-            parts.append(data)
-            at += len(data)
+        layer = (2 ** int(level[i]) + 1) ** 2
+        joins = parts and not is_fine[i] and np.array_equal(parts[-1][-layer:], data[:layer])
+        begin = at - layer if joins else at
+        place[i] = begin if is_fine[i] else seen.setdefault(data.tobytes(), begin)
+        if place[i] == begin:
+            parts.append(data[layer:] if joins else data)
+            at += len(parts[-1])
     return place, is_fine, np.concatenate(parts)
 
 
