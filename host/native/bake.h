@@ -41,18 +41,58 @@ void crb_mesh_creases(const crb_mesh *mesh, double *ends_m, int32_t *patch, uint
  * Cost     about 1 us a point.   Source  Baerentzen, Aanaes 2005 (sign); Ericson 2004, 5.1.5 (point and triangle). */
 void crb_signed_distance(const crb_mesh *mesh, const double *points_m, int64_t n, double *phi_m, int32_t *triangle);
 
-/* Distances at the middles of a grid of boxes, from low_m on; phi_m [dims[2]][dims[1]][dims[0]], NaN where not yet known. */
+/* Distances at the middles of a grid of boxes, from low_m on; phi_m [dims[2]][dims[1]][dims[0]], 0 where not yet known. */
 typedef struct {
     double low_m[3], box_m;
     int32_t dims[3];
     double *phi_m;
 } crb_known;
 
-/* Purpose  whether the signed distance is below below_m at all of n points.
- * Shapes   points_m [n][3]. known: filled in as it is needed; the caller keeps it from call to call. Not for two threads at once.
- * Output   1 or 0: what crb_signed_distance would say at each point. No point is looked at behind the first that is not.
- * Cost     about 20 ns a point farther from the surface than a box is long, 1 us for others. */
-int32_t crb_all_below(const crb_mesh *mesh, const crb_known *known, const double *points_m, int64_t n, double below_m);
+/* Parts of a tool's surface that are put together to convex pieces.
+ * Shapes   centre_m, normal, inner_m (places a little below the surface) [count][3]; those beside part i are
+ *          beside[beside_start[i]] to before beside[beside_start[i + 1]]. rise_max: sine of the elevation of one above the
+ *          plane of another up to which both may be of one piece; ways between them must be below below_m; of the members of a
+ *          piece every so many are asked, so that they are `witnesses` or up to twice as many. */
+typedef struct {
+    int32_t count, witnesses;
+    const double *centre_m, *normal, *inner_m;
+    const int32_t *beside_start, *beside;
+    double rise_max, below_m;
+} crb_parts;
+
+/* Purpose  a convex piece round a part: what hangs together with it and agrees with all of it, nearest first.
+ * Shapes   member [parts->count]: set to 1 for parts of the piece, else to 0. known: filled in as it is needed; the caller keeps it from call
+ *          to call. Not for two threads at once.
+ * Output   1, or 0 when memory ran out.   Cost  for each part looked at O(count), and for three points a witness 20 ns where a
+ *          kept distance tells, else 1 us. */
+int32_t crb_grow_piece(const crb_mesh *mesh, const crb_known *known, const crb_parts *parts, int32_t seed,
+                       uint8_t *member);
+
+/* Planes of a convex solid, or, where sign is -1, of the complement of one.
+ * Shapes   plane [count][4]: unit normal outward and offset; count 1 to CRB_PLANES_MAX. */
+#define CRB_PLANES_MAX 6
+typedef struct {
+    const double *plane;
+    int32_t count;
+    double sign;
+} crb_planes;
+
+/* Points of which the exact distances are known, in rows.
+ * Shapes   points_m [][width][3]; phi_m [][width]. What planes give may be off by off_near_m nearer than near_m, else by off_far_m. */
+typedef struct {
+    const double *points_m, *phi_m;
+    int64_t width;
+    double near_m, off_near_m, off_far_m;
+} crb_probes;
+
+/* Purpose  signed distance from planes, as the tick has it in the cells of a crease.
+ * Shapes   points_m [n][3]; phi_m [n].   Source  firmware/SPEC.md "Distance at a point". */
+void crb_distance_from_planes(const crb_planes *planes, const double *points_m, int64_t n, double *phi_m);
+
+/* Purpose  whether planes give the distances of all points of a row. No point is looked at behind the first that is off.
+ * Shapes   rows [n] of the probes; agrees [n]: 1 or 0.   Cost  about 20 ns a point. */
+void crb_planes_agree(const crb_planes *planes, const crb_probes *probes, const int64_t *rows, int64_t n,
+                      uint8_t *agrees);
 
 /* Purpose  mark the bricks of a grid that any triangle comes within reach_m of (per axis).
  * Shapes   origin_m [3]; dims [3]; near [dims[2]][dims[1]][dims[0]], set to 1 where marked, else unchanged. */

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 from crease.base.errors import MeshError
 from crease.mesh import topology
-from crease.mesh.mesh import Mesh, load_mesh, make_mesh
+from crease.mesh.mesh import Mesh, load_mesh, make_mesh, read_arrays
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -394,6 +394,34 @@ def test_every_format_is_read(tmp_path: Path, suffix: str) -> None:
     assert np.ptp(mesh.vertices_m, axis=0) == pytest.approx([0.02, 0.03, 0.04])
     assert mesh.digest_sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert (mesh.source, mesh.unit_m) == (str(path), 1e-3)
+
+
+def test_a_binary_stl_is_read_as_trimesh_reads_it(tmp_path: Path) -> None:
+    path = tmp_path / "ball.stl"
+    trimesh.creation.icosphere(3, radius=20.0).export(path)
+    vertices, corners = read_arrays(path, 1e-3)
+    theirs = trimesh.load_mesh(path, process=False)
+    assert np.array_equal(vertices, theirs.vertices)
+    assert np.array_equal(corners, theirs.faces)
+
+
+def test_loose_edges_are_looked_for_once_in_the_same_triangles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    box = trimesh.creation.box(extents=[20.0, 30.0, 40.0])
+    looked: list[int] = []
+    find = topology.unbalanced_edges
+
+    def counted(triangles: topology.Triangles, count: int) -> topology.Indices:
+        looked.append(len(triangles))
+        return find(triangles, count)
+
+    monkeypatch.setattr(topology, "unbalanced_edges", counted)
+    make_mesh(box.vertices, box.faces, 1e-3)
+    assert looked == [12]
+    looked.clear()
+    make_mesh(box.vertices, box.faces[:, ::-1], 1e-3)
+    assert looked == [12, 12]  # turned round they are others
 
 
 def test_ascii_stl_is_read(tmp_path: Path) -> None:

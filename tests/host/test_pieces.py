@@ -7,7 +7,8 @@ import pytest
 import trimesh
 from crease.bake.bake import BakeOptions, bake_scene
 from crease.bake.layout import CLUSTER
-from crease.bake.pieces import PIECE_NONE
+from crease.bake.pieces import BESIDE, PIECE_NONE, RISE_MAX, WITNESSES, _beside, find_pieces
+from crease.bake.surface import Surface, make_surface
 from crease.base.native import lib
 from crease.base.scene import Scene, open_image
 from crease.mesh.mesh import Mesh
@@ -91,3 +92,60 @@ def test_pieces_are_numbered_below_their_count() -> None:
     known = records["piece"][records["piece"] != lib.CR_PIECE_NONE]
     assert known.max() < scene.meta.piece_count
     assert PIECE_NONE == lib.CR_PIECE_NONE
+
+
+def pieces_by_the_book(
+    surface: Surface,
+    centre: np.ndarray,
+    normal: np.ndarray,
+    beside: list[np.ndarray],
+    inset_m: float,
+) -> list[list[int]]:
+    """What find_pieces finds, by exact distances of every way."""
+    inner, rows = centre - inset_m * normal, range(len(centre))
+
+    def agrees(i: int, j: int) -> bool:
+        way = centre[j] - centre[i]
+        above = max(float(way @ normal[i]), -float(way @ normal[j]))
+        return above <= RISE_MAX * float(np.linalg.norm(way)) + 1e-12
+
+    def sees(i: int, piece: set[int]) -> bool:
+        others = sorted(piece)
+        asked = others[:: max(1, len(others) // WITNESSES)]
+        ways = [inner[i] + t * (inner[j] - inner[i]) for j in asked for t in (0.25, 0.5, 0.75)]
+        return bool((surface.signed_distance(np.array(ways))[0] < inset_m).all())
+
+    pieces: list[list[int]] = []
+    for seed in rows:
+        if any(seed in piece for piece in pieces):
+            continue
+        piece, refused, front = {seed}, {j for j in rows if not agrees(seed, j)}, [seed]
+        while front:
+            found = {int(j) for i in front for j in beside[i]} - piece - refused
+            front = []
+            for i in sorted(found, key=lambda j: (np.linalg.norm(centre[j] - centre[seed]), j)):
+                if i in refused or not sees(i, piece):
+                    refused.add(i)
+                    continue
+                piece.add(i)
+                front.append(i)
+                refused |= {j for j in rows if not agrees(i, j)}
+        pieces.append(sorted(piece))
+    return pieces
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ring", "ell"])
+def test_pieces_are_those_found_by_the_book(name: str) -> None:
+    """Kept distances tell of most ways; the pieces are those that exact ones make."""
+    solid = trimesh.creation.torus(20.0, 6.0) if name == "ring" else SOLIDS["ell"][0]
+    surface = make_surface(mesh_of(solid, name), 30.0)
+    centre_mm, face = trimesh.sample.sample_surface_even(solid, 700, seed=3)
+    centre, normal = 1e-3 * np.asarray(centre_mm), np.asarray(solid.face_normals[face])
+    beside = _beside(centre, np.arange(len(centre)), BESIDE * 2.5e-3)
+    listed = [beside[1][beside[0][i] : beside[0][i + 1]] for i in range(len(centre))]
+    found = find_pieces(surface, centre, normal, beside, 2e-4)
+    assert [piece.tolist() for piece in found] == pieces_by_the_book(
+        surface, centre, normal, listed, 2e-4
+    )
+    assert 2 <= len(found) < len(centre)

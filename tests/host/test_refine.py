@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
 from crease.bake.grid import Grid, lattice
-from crease.bake.refine import FREE, HALVES, QUARTERS, Coarse, Fine, _levels, pack_fine, refine
+from crease.bake.refine import (
+    FREE,
+    HALVES,
+    QUARTERS,
+    Coarse,
+    Fine,
+    _levels,
+    pack_fine,
+    refine,
+)
 
 SIDE = 8
 TOLERANCE_M = 1e-4
@@ -167,9 +178,44 @@ def test_kinds_and_samples_are_in_the_image_once_and_used() -> None:
     assert len(kinds) - len(used) <= 0.05 * len(kinds) + 1
     plain = bricks[(bricks["fine"] == 0)]
     samples = sections[int(lib.CR_SEC_SAMPLES)].view(np.int16)
+    layers = np.stack([plain["samples"], plain["side"]], axis=1).astype(np.int64)
+    apart = np.unique(layers[layers[:, 1] == 8, 0])
+    assert (np.diff(apart) == 729 - 81).any()
     blocks = {
         samples[at : at + (side + 1) ** 3].tobytes(): at
         for at, side in zip(plain["samples"].tolist(), plain["side"].tolist(), strict=True)
     }
     assert len(blocks) == len(np.unique(plain["samples"])) < len(plain)
     assert (bricks["cells"] != CELLS_NONE).any()
+    tables = cells.view(np.uint16).reshape(-1, 512)
+    assert len(np.unique(tables, axis=0)) == len(tables)
+    assert len(tables) < (bricks["cells"] != CELLS_NONE).sum()
+    fine = bricks["fine"] == 1
+    assert bricks["samples"][fine].max(initial=0) < bricks["samples"][~fine].min()
+
+
+def test_voxels_with_the_same_samples_share_a_block() -> None:
+    rng = np.random.default_rng(2)
+    samples = rng.uniform(-1e-3, 1e-3, (4, 5, 5, 5)).astype(np.float32)
+    samples[2] = samples[0]
+    level = np.array([QUARTERS, HALVES, QUARTERS, HALVES], np.int8)
+    fine = Fine(np.zeros(4, np.int64), np.array([3, 70, 200, 511]), level, samples)
+    packed = pack_fine(np.zeros(729, np.int16), fine, fine.of_brick(0), 1e-6)
+    table = packed[736 : 736 + 512].astype(int)
+    assert np.flatnonzero(table).tolist() == [3, 70, 200, 511]
+    assert table[200] == table[3] != table[511]
+    assert len(packed) == 1248 + 128 + 32 + 32
+
+
+@pytest.mark.slow
+def test_a_machined_part_at_defaults_takes_no_more_than_4_mebibytes() -> None:
+    from crease.bake.bake import bake_scene
+    from crease.mesh.mesh import load_mesh
+
+    meshes = Path(__file__).resolve().parents[2] / "build" / "meshes"
+    made = bake_scene(
+        load_mesh(meshes / "featuretype.stl", "mm"), load_mesh(meshes / "ball15.stl", "mm")
+    )
+    assert len(made.image) <= 4 * 2**20
+    # Nothing was left out for it.
+    assert float(str(made.report["error_max_m"])) < 0.15e-3

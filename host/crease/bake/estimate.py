@@ -30,9 +30,9 @@ SAMPLE_S, POINT_S, PATCH_S = 70e-6, 1.2e-6, 8e-3
 """A shell: a sample, a fine point that it is gathered from, and a patch of the tool."""
 QUERY_S = 0.2e-6
 """An exact distance at least, on two threads; what more it takes is measured on the bricks looked at beforehand."""
-BRICK_S, PACK_S = 0.4e-3, 0.05e-3
+BRICK_S, PACK_S = 0.2e-3, 0.02e-3
 """Planes of a brick near the surface; records of a brick or a fine voxel."""
-CELL_S, SET_S = 30e-6, 0.15e-3
+CELL_S, SET_S = 10e-6, 0.025e-3
 """Kind of a crease cell beside its distances; a set of facets that no other such cell sees."""
 CHECK_S, CHECK_QUERIES = 1e-3, 2200
 """Whether a brick has to be refined, and distances that it takes."""

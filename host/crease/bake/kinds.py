@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from crease.bake.layout import FACET, KIND
 from crease.bake.surface import Surface
-from crease.base.native import lib
+from crease.base.native import ffi, lib
 
 F64 = npt.NDArray[np.float64]
 
@@ -151,41 +151,59 @@ class Kinds:
         return np.array([self._planes[facet][0] for facet in facets])
 
 
-def convex_distance(planes: F64, points: F64) -> F64:
-    """What the firmware computes in a convex crease cell. Shapes: planes (k, 4), points (n, 3), result (n,)."""
-    normal = planes[:, :3]
-    height = points @ normal.T - planes[:, 3]
-    rows = np.arange(len(points))
-    first = height.argmax(axis=1)
-    a = height[rows, first]
-    gram = normal @ normal.T
-    foot = height - a[:, None] * gram[first]
-    foot[rows, first] = -np.inf
-    second = foot.argmax(axis=1)
-    rise, sine2 = foot[rows, second], 1 - gram[first, second] ** 2
-    on_edge = (a > 0) & (rise > 0) & (sine2 >= 1e-6)
-    lift = np.where(on_edge, rise / np.where(on_edge, sine2, 1.0), 0.0)[:, None]
-    offset = a[:, None] * normal[first] + lift * (
-        normal[second] - gram[first, second][:, None] * normal[first]
-    )
-    value = np.where(on_edge, np.linalg.norm(offset, axis=1), a)
-    if len(planes) > 2:
-        foot = height - offset @ normal.T
-        foot[rows, first] = foot[rows, second] = -np.inf
-        third = foot.argmax(axis=1)
-        sides = normal[np.column_stack([first, second, third])]
-        volume = np.linalg.det(sides)
-        at_vertex = on_edge & (foot[rows, third] > 0) & (np.abs(volume) >= 1e-3)
-        if at_vertex.any():
-            three = np.column_stack([a, height[rows, second], height[rows, third]])[at_vertex]
-            corner = np.linalg.solve(sides[at_vertex], three[:, :, None])[:, :, 0]
-            value[at_vertex] = np.linalg.norm(corner, axis=1)
-    return np.asarray(value)
+class Probes:
+    """Points whose exact distances are known, for the question whether planes give these.
+
+    Shapes: points_m (n, m, 3), phi_m (n, m). off_near_m: how far planes may be off nearer than near_m to the surface,
+    off_far_m: elsewhere.
+    """
+
+    def __init__(
+        self, points_m: F64, phi_m: F64, near_m: float, off_near_m: float, off_far_m: float
+    ) -> None:
+        points, phi = np.ascontiguousarray(points_m), np.ascontiguousarray(phi_m)
+        self._kept = points, phi
+        self._probes = ffi.new(
+            "crb_probes *",
+            {
+                "points_m": ffi.from_buffer("double[]", points),
+                "phi_m": ffi.from_buffer("double[]", phi),
+                "width": phi.size // max(1, len(phi)),
+                "near_m": near_m,
+                "off_near_m": off_near_m,
+                "off_far_m": off_far_m,
+            },
+        )
+
+    def agreeing(self, sign: float, planes: F64, rows: npt.NDArray[np.int64]) -> Any:
+        """Those of `rows` at all of whose points planes (k, 4) give the distance; sign: -1 for concave ones."""
+        agrees = np.empty(len(rows), np.uint8)
+        solid, _kept = _solid(sign, planes)
+        wanted = ffi.from_buffer("int64_t[]", np.ascontiguousarray(rows))
+        room = ffi.from_buffer("uint8_t[]", agrees)
+        lib.crb_planes_agree(solid, self._probes, wanted, len(rows), room)
+        return rows[agrees != 0]
+
+
+def _solid(sign: float, planes: F64) -> tuple[Any, F64]:
+    """A crb_planes, and the array it points to, to be held as long as it."""
+    held = np.ascontiguousarray(planes)
+    return ffi.new("crb_planes *", (ffi.from_buffer("double[]", held), len(held), sign)), held
+
+
+def distance_from_planes(sign: float, planes: F64, points: F64) -> F64:
+    """What the firmware computes in a crease cell. Shapes: planes (k, 4), points (n, 3), result (n,)."""
+    places, value = np.ascontiguousarray(points), np.empty(len(points))
+    solid, _kept = _solid(sign, planes)
+    at, room = (ffi.from_buffer("double[]", array) for array in (places, value))
+    lib.crb_distance_from_planes(solid, at, len(places), room)
+    return value
 
 
 def distance_of_kind(kind: Any, facets: npt.NDArray[Any], points: F64) -> F64:
     """Distances from the planes of a record of KINDS. Shapes: points (n, 3), result (n,)."""
     mine = facets[kind["facet"][: kind["count"]]]
     planes = np.column_stack([mine["normal"], mine["offset_m"]]).astype(np.float64)
-    sign = -1.0 if kind["kind"] == lib.CR_KIND_CONCAVE else 1.0
-    return sign * convex_distance(sign * planes, points)
+    return distance_from_planes(
+        -1.0 if kind["kind"] == lib.CR_KIND_CONCAVE else 1.0, planes, points
+    )

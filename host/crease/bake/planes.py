@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from crease.bake.kinds import Kinds, convex_distance
+from crease.bake.kinds import Kinds, Probes
 from crease.bake.layout import KIND_FACETS_MAX
 from crease.base.native import lib
 
@@ -79,21 +80,20 @@ class _Checker:
         self, kind: int, facets: Facets, rows: npt.NDArray[np.int64]
     ) -> npt.NDArray[np.int64]:
         sign, planes, b = SIGNS.get(kind, 1.0), self._kinds.planes_of(facets), self._bricks
-
-        def agree(points: F64, exact: F64) -> npt.NDArray[np.bool_]:
-            value = sign * convex_distance(sign * planes, points.reshape(-1, 3))
-            error = np.abs(value.reshape(len(exact), -1) - exact.reshape(len(exact), -1))
-            return np.asarray((error <= self._tolerance_m).all(axis=1))
-
         if len(rows) == 0:
             return rows
-        rows = rows[agree(b.points_of(b.where[rows], b.phi.shape[1]), b.phi[rows])]
+
+        def agree(points: F64, exact: F64, of: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+            probes = Probes(points, exact, math.inf, self._tolerance_m, self._tolerance_m)
+            return np.asarray(of[probes.agreeing(sign, planes, np.arange(len(of)))])
+
+        rows = agree(b.points_of(b.where[rows], b.phi.shape[1]), b.phi[rows], rows)
         mixed = self._mixed[rows]
         if not mixed.any():
             return rows
         points = b.points_of(b.where[rows[mixed]], PROBE_SIDE)
         exact = b.distance_of(points).reshape(points.shape[:2])
-        return np.concatenate([rows[~mixed], rows[mixed][agree(points, exact)]])
+        return np.concatenate([rows[~mixed], agree(points, exact, rows[mixed])])
 
 
 def find_planes(bricks: NearBricks, kinds: Kinds, tolerance_m: float) -> BrickPlanes:

@@ -236,14 +236,20 @@ def _least(around: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
 def pack_fine(
     corners: npt.NDArray[np.int16], fine: Fine, rows: slice, quantum_m: float
 ) -> npt.NDArray[np.int16]:
-    """Samples of a fine brick as the image has them: its corners (729,), the table of its voxels, their blocks."""
+    """Samples of a fine brick as the image has them: its corners (729,), the table of its voxels, their blocks.
+
+    Voxels with the same samples share a block, as those along a straight edge or a bore do.
+    """
     table = np.zeros(CELLS_SIDE**3, np.int16)
     parts = [np.pad(corners, (0, FINE_TABLE - len(corners))), table]
     at = FINE_BLOCKS
+    seen: dict[bytes, int] = {}
     values = np.clip(np.rint(fine.samples[rows] / quantum_m), -32767, 32767).astype(np.int16)
     for block, voxel, level in zip(values, fine.voxel[rows], fine.level[rows], strict=True):
         own = (block if level == QUARTERS else block[::2, ::2, ::2]).reshape(-1)
-        table[voxel] = at // FINE_UNIT | (FINE_QUARTERS if level == QUARTERS else 0)
-        parts.append(np.pad(own, (0, -len(own) % FINE_UNIT)))
-        at += len(parts[-1])
+        place = seen.setdefault(own.tobytes(), at)
+        table[voxel] = place // FINE_UNIT | (FINE_QUARTERS if level == QUARTERS else 0)
+        if place == at:
+            parts.append(np.pad(own, (0, -len(own) % FINE_UNIT)))
+            at += len(parts[-1])
     return np.concatenate(parts)

@@ -85,29 +85,6 @@ class Surface:
                     tick((done + 1) / len(starts))
         return phi, triangle
 
-    def below(self, distance_m: float, boxes: int) -> Callable[[F64], bool]:
-        """A question, whether the signed distance is below distance_m at all of some points (n, 3).
-
-        boxes: along the longest side of the mesh, whose distances are kept from call to call: what they tell needs no
-        search. Output: to be asked by one thread at a time.
-        """
-        low, size = self.mesh.vertices_m.min(axis=0), np.ptp(self.mesh.vertices_m, axis=0)
-        box_m = float(size.max()) / boxes
-        dims = np.maximum(1, np.ceil(size / box_m)).astype(np.int32)
-        kept = np.full(int(np.prod(dims)), np.nan)
-        phi_m = _ptr(
-            "double[]", kept
-        )  # cffi keeps the array, and the closure this, as long as it is asked
-        known = ffi.new("crb_known *", (low.tolist(), box_m, dims.tolist(), phi_m))
-
-        def ask(points_m: F64, phi_m: Any = phi_m) -> bool:
-            points = np.ascontiguousarray(points_m, np.float64)
-            known.phi_m = phi_m
-            count, data = len(points), _ptr("double[]", points)
-            return bool(lib.crb_all_below(self.handle, known, data, count, distance_m))
-
-        return ask
-
     def mark_bricks(
         self, origin_m: F64, brick_m: float, dims: tuple[int, int, int], reach_m: float
     ) -> npt.NDArray[np.bool_]:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from crease.bake.grid import Grid, brick_points, lattice, make_grid, trilinear
-from crease.bake.kinds import KINDS_MAX, Kinds, convex_distance
-from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, FINE_UNIT, KIND_FACETS_MAX
+from crease.bake.kinds import KINDS_MAX, Kinds, Probes
+from crease.bake.layout import BRICK, CELLS_NONE, CELLS_SIDE, KIND_FACETS_MAX
 from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.refine import Coarse, Fine, pack_fine, refine
@@ -35,8 +35,6 @@ PROBE_SIDE = 5
 """Points a side at which the planes of a crease cell are checked against exact distances."""
 PROBE_MARGIN = 0.4
 """How far, in cells, the probes reach beyond the cell: planes that only just matter inside are seen."""
-FEW = 13
-"""Every so many probes are looked at first: most planes that do not agree are seen to by ten of them."""
 BRICKS_MAX = 1_000_000
 AT_ONCE = 256
 """Bricks whose cells are looked at together: more than that leave the cache."""
@@ -228,49 +226,40 @@ class CellSorter:
         for i, key in enumerate(_sets(facet)):
             groups.setdefault(key, []).append(i)
         kinds = np.zeros(len(points), np.int32)
-        for key, rows in groups.items():
-            kinds[rows] = self._judge_set(key, points[rows], phi[rows])
+        probes = Probes(
+            points, phi, self._grid.near_m, 0.5 * self._tolerance_m, 0.5 * self._grid.voxel_m
+        )
+        for key, cells in groups.items():
+            self._judge_set(key, np.array(cells, np.int64), probes, kinds)
         return kinds
 
-    def _judge_set(self, facets: tuple[int, ...], points: F64, phi: F64) -> I32:
-        patches = self._surface.facet_patch[list(facets)]
+    def _judge_set(
+        self,
+        facets: tuple[int, ...],
+        left: npt.NDArray[np.int64],
+        probes: Probes,
+        kinds: I32,
+    ) -> None:
+        """Write the kinds of the cells `left`, which see these facets."""
         if len(facets) == 1:
-            return np.full(len(points), self._plain(facets[0]), np.int32)
+            kinds[left] = self._plain(facets[0])
+            return
+        patches = self._surface.facet_patch[list(facets)]
         if (patches == patches[0]).all():
-            return np.full(len(points), self._plain(-1 - int(patches[0])), np.int32)
-        left = np.ones(len(points), bool)
-        kinds = np.zeros(len(points), np.int32)
+            kinds[left] = self._plain(-1 - int(patches[0]))
+            return
         if len(facets) <= KIND_FACETS_MAX:
             planes = self._surface.facet_plane[list(facets)]
             rows = tuple(self.kinds.planar(f) for f in facets)
             for kind, sign in ((lib.CR_KIND_CONVEX, 1.0), (lib.CR_KIND_CONCAVE, -1.0)):
-                good = np.flatnonzero(left)
-                for probes in (slice(None, None, FEW), slice(None)):
-                    if len(good):
-                        agree = self._planes_agree(
-                            sign, planes, points[good, probes], phi[good, probes]
-                        )
-                        good = good[agree]
+                good = probes.agreeing(sign, planes, left)
                 if len(good):
                     kinds[good] = self.kinds.index(int(kind), rows)
-                    left[good] = False
-        if left.any():
+                    left = left[~np.isin(left, good)]
+        if len(left):
             kinds[left] = self.kinds.index(
                 int(lib.CR_KIND_MIXED), self._mixed(np.array(facets), patches)
             )
-        return kinds
-
-    def _planes_agree(
-        self, sign: float, planes: F64, points: F64, phi: F64
-    ) -> npt.NDArray[np.bool_]:
-        value = sign * convex_distance(sign * planes, points.reshape(-1, 3)).reshape(phi.shape)
-        return self._agrees(value, phi)
-
-    def _agrees(self, value: F64, phi: F64) -> npt.NDArray[np.bool_]:
-        error = np.abs(value - phi)
-        near = np.abs(phi) < self._grid.near_m
-        allowed = np.where(near, 0.5 * self._tolerance_m, 0.5 * self._grid.voxel_m)
-        return np.asarray((error <= allowed).all(axis=1))
 
     def _mixed(self, facets: npt.NDArray[np.int64], patches: I32) -> tuple[int, ...]:
         rows = []
@@ -410,7 +399,7 @@ def make_voxmap(
     work.begin("packing", len(where) + len(fine.brick))
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
-    bricks, samples, tables = _pack_bricks(phi, fine, level, cells, planes, kinds, quantum)
+    bricks, samples, tables = _pack_bricks(where, phi, fine, level, cells, planes, kinds, quantum)
     names = {
         int(getattr(lib, f"CR_KIND_{n}")): n.lower()
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
@@ -462,6 +451,7 @@ def base_samples(
 
 
 def _pack_bricks(
+    where: npt.NDArray[np.int64],
     phi: F64,
     fine: Fine,
     level: I32,
@@ -472,39 +462,56 @@ def _pack_bricks(
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.int16], npt.NDArray[np.uint16]]:
     creased = np.isin(kinds["kind"], [lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE])
     bricks = np.zeros(len(phi), BRICK)
+    bricks["side"] = 2**level
+    bricks["samples"], bricks["fine"], samples = _pack_samples(where, phi, fine, level, quantum_m)
+    bricks["cells"], tables = _pack_cells(cells)
+    of_cells = np.where(bricks["cells"] == CELLS_NONE, cells[:, 0, 0, 0], 0)
+    bricks["kind"] = np.where(planes.least != 0, planes.least, of_cells)
+    bricks["planes"] = planes.most
+    bricks["creased"] = creased[cells].any(axis=(1, 2, 3))
+    return bricks, samples, tables
+
+
+def _pack_samples(
+    where: npt.NDArray[np.int64], phi: F64, fine: Fine, level: I32, quantum_m: float
+) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.bool_], npt.NDArray[np.int16]]:
+    """Where the samples of each brick are, whether they are fine, and all of them.
+
+    Fine bricks come first: their blocks begin at lines of memory, without gaps between. Of the others equal ones share
+    their samples, and one above another its lowest layer with the highest of that.
+    """
+    is_fine = np.zeros(len(phi), bool)
+    is_fine[fine.brick] = True
+    place = np.zeros(len(phi), np.uint32)
     parts: list[npt.NDArray[np.int16]] = []
-    tables: list[npt.NDArray[np.uint16]] = []
-    at = 0
     seen: dict[bytes, int] = {}
-    for i in range(len(phi)):
+    at = 0
+    columns = np.lexsort((where[:, 2], where[:, 1], where[:, 0]))
+    for i in [*np.flatnonzero(is_fine).tolist(), *columns[~is_fine[columns]].tolist()]:
         step = 2 ** (BASE_LEVEL - int(level[i]))
         values = phi[i, ::step, ::step, ::step]
         data = np.clip(np.rint(values / quantum_m), -32767, 32767).astype(np.int16).reshape(-1)
-        rows = fine.of_brick(i)
-        if rows.start < rows.stop:
-            data = pack_fine(data, fine, rows, quantum_m)
-            # Blocks of voxels begin at lines of memory.
-            gap = -at % FINE_UNIT
-            parts.append(np.zeros(gap, np.int16))
-            at += gap
-            bricks[i]["fine"] = 1
-        uniform = bool((cells[i] == cells[i, 0, 0, 0]).all())
-        bricks[i]["samples"], bricks[i]["side"] = at, 2 ** int(level[i])
-        bricks[i]["cells"] = CELLS_NONE if uniform else len(tables) * CELLS_SIDE**3
-        bricks[i]["kind"] = planes.least[i] if planes.least[i] or not uniform else cells[i, 0, 0, 0]
-        bricks[i]["planes"] = planes.most[i]
-        bricks[i]["creased"] = bool(creased[cells[i]].any())
-        if not uniform:
-            tables.append(cells[i].reshape(-1).astype(np.uint16))
-        if not bricks[i]["fine"]:
-            # Bricks with the same samples share them.
-            bricks[i]["samples"] = seen.setdefault(data.tobytes(), at)
-            if bricks[i]["samples"] != at:
-                continue
-        parts.append(data)
-        at += len(data)
-    return (
-        bricks,
-        np.concatenate(parts),
-        np.concatenate(tables) if tables else np.zeros(0, np.uint16),
-    )
+        if is_fine[i]:
+            data = pack_fine(data, fine, fine.of_brick(i), quantum_m)
+        layer = (2 ** int(level[i]) + 1) ** 2
+        joins = parts and not is_fine[i] and np.array_equal(parts[-1][-layer:], data[:layer])
+        begin = at - layer if joins else at
+        place[i] = begin if is_fine[i] else seen.setdefault(data.tobytes(), begin)
+        if place[i] == begin:
+            parts.append(data[layer:] if joins else data)
+            at += len(parts[-1])
+    return place, is_fine, np.concatenate(parts)
+
+
+def _pack_cells(cells: I32) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint16]]:
+    """Where the cell table of each brick is, CELLS_NONE for one kind all over, and all tables: equal ones once."""
+    flat = cells.reshape(len(cells), -1)
+    place = np.full(len(cells), CELLS_NONE, np.uint32)
+    seen: dict[bytes, int] = {}
+    tables: list[npt.NDArray[np.uint16]] = []
+    for i in np.flatnonzero((flat != flat[:, :1]).any(axis=1)).tolist():
+        table = flat[i].astype(np.uint16)
+        place[i] = seen.setdefault(table.tobytes(), len(tables) * CELLS_SIDE**3)
+        if place[i] == len(tables) * CELLS_SIDE**3:
+            tables.append(table)
+    return place, np.concatenate(tables) if tables else np.zeros(0, np.uint16)

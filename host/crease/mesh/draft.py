@@ -13,7 +13,7 @@ from crease.base.errors import MeshError
 from crease.base.settings import setting
 from crease.base.units import METRES, format_length
 from crease.mesh import closing, topology
-from crease.mesh.topology import Triangles, Vertices
+from crease.mesh.topology import Indices, Triangles, Vertices
 
 WELD = 1e-6
 """Share of the box diagonal within which open edges are sewn together: float32 keeps 1e-7."""
@@ -39,12 +39,20 @@ class Draft:
         self.notes: list[str] = []
         self.layered = False
         """Whether there may be inner faces without a crossing: then winding numbers decide what stays."""
+        self._loose: tuple[Triangles, Indices] | None = None
         used = vertices[triangles.reshape(-1)]
         self.diagonal_m = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
 
     @property
     def vertex_count(self) -> int:
         return len(self.vertices)
+
+    def loose_edges(self) -> Indices:
+        """Edges with more triangles on one side than on the other, looked for once in the same array of triangles."""
+        if self._loose is None or self._loose[0] is not self.triangles:
+            found = topology.unbalanced_edges(self.triangles, self.vertex_count)
+            self._loose = self.triangles, found
+        return self._loose[1]
 
     def place(self, points: npt.NDArray[np.float64]) -> str:
         """Where something is, for a person: mean of the points, in the unit of the file."""
@@ -89,7 +97,7 @@ def weld(draft: Draft) -> None:
 
 def sew(draft: Draft, share: float) -> None:
     """Open edges whose ends lie within a share of the diagonal of others are welded."""
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+    if len(draft.loose_edges()) == 0:
         return
     reach_m = share * draft.diagonal_m
     triangles, moved = closing.sew(draft.vertices, draft.triangles, reach_m)

@@ -85,7 +85,7 @@ def mend_surface(
 
 def _close(draft: Draft) -> None:
     """Sew, turn and cap where the surface is not closed and oriented already."""
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)):
+    if len(draft.loose_edges()):
         sew(draft, WELD)
         turn_triangles(draft)
         cap_holes(draft)
@@ -93,7 +93,7 @@ def _close(draft: Draft) -> None:
 
 def _check_closed(draft: Draft) -> None:
     """Refuse what is still open, branched or one-sided."""
-    open_edges = topology.unbalanced_edges(draft.triangles, draft.vertex_count)
+    open_edges = draft.loose_edges()
     if len(open_edges) == 0:
         return
     start, end = topology.directed_edges(draft.triangles)
@@ -145,7 +145,7 @@ def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
         draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
         return
     left = int(np.count_nonzero(topology.altitudes_m(trial.vertices, trial.triangles) < limit_m))
-    if len(topology.unbalanced_edges(trial.triangles, trial.vertex_count)) or left >= thin:
+    if len(trial.loose_edges()) or left >= thin:
         draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
         return
     draft.vertices, draft.triangles = trial.vertices, trial.triangles
@@ -201,7 +201,7 @@ def _settle_shells(draft: Draft) -> None:
         cavity[i] = (volume[i] < 0.0) != turn[i]
     if turn.any():
         wrong = turn[shell]
-        draft.triangles[wrong] = draft.triangles[wrong][:, ::-1]
+        draft.triangles = np.where(wrong[:, None], draft.triangles[:, ::-1], draft.triangles)
         draft.notes.append(
             f"was inside out: turned {plural(int(np.count_nonzero(wrong)), 'triangle')}"
             if count == 1
@@ -281,7 +281,7 @@ def _outer_meet(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[
 def _cut_crossings(draft: Draft) -> None:
     """Where the surface passes through itself or has inner faces, only its outer surface stays."""
     pairs = topology.crossing_pairs(draft.vertices, draft.triangles, CROSSING * draft.diagonal_m)
-    open_before = len(topology.unbalanced_edges(draft.triangles, draft.vertex_count))
+    open_before = len(draft.loose_edges())
     if len(pairs) == 0 and open_before == 0 and not draft.layered:
         return
     area_m2, volume_m3 = draft.area_m2(), draft.volume_m3()

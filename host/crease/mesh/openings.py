@@ -64,10 +64,10 @@ def _has_sheets(draft: Draft, caps: Triangles) -> bool:
 
 def close_openings(draft: Draft) -> None:
     """What is still open: sewn with more reach, then piece by piece capped, made thick, left out, or refused."""
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+    if len(draft.loose_edges()) == 0:
         return
     _sew_wider(draft)
-    if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+    if len(draft.loose_edges()) == 0:
         return
     pieces = _Pieces(draft)
     if pieces.sheets.any() and draft.wishes.sheet_m is None:
@@ -94,7 +94,7 @@ def _sew_wider(draft: Draft) -> None:
             )
             drop_triangles(draft)
         turn_triangles(draft)
-        if len(topology.unbalanced_edges(draft.triangles, draft.vertex_count)) == 0:
+        if len(draft.loose_edges()) == 0:
             return
 
 
@@ -115,7 +115,7 @@ class _Pieces:
         self.area_m2 = np.bincount(self.of, weights=area, minlength=count)
         order = np.argsort(self.of, kind="stable")
         parts = np.split(order, np.cumsum(np.bincount(self.of, minlength=count))[:-1])
-        loose = topology.unbalanced_edges(draft.triangles, draft.vertex_count)
+        loose = draft.loose_edges()
         is_open = np.zeros(count, bool)
         is_open[self.of[loose // 3]] = True
         self.rims = [
@@ -163,7 +163,7 @@ class _Pieces:
         place = draft.place(draft.vertices[draft.triangles[gone]][:1])
         share = float(self.area_m2[sheets].sum() / self.area_m2.sum())
         if share > 0.5:
-            edges = len(topology.unbalanced_edges(draft.triangles, draft.vertex_count))
+            edges = len(draft.loose_edges())
             raise MeshError(
                 f"is open and encloses nothing: {plural(edges, 'edge')} with a triangle on one side only, "
                 f"one near {place}; give its sheets a thickness, such as {setting('sheet_m', 1e-3)}, "

@@ -20,6 +20,12 @@ typedef struct {
     int32_t child[WIDE]; /* a wide node, or -1 - slot of a triangle, or 0: none */
 } wide_node;
 
+/* Of a wide node's children besides: how far what they hold lies from a line along the mean normal. On fine flat or curved surfaces,
+ * askew in the axes, that leaves a third of the nodes; a mesh that fits into the cache has none: there it costs more than it saves. */
+typedef struct {
+    float centre[3][WIDE], across[WIDE];
+} wide_reach;
+
 struct crb_mesh {
     int64_t vertex_count, triangle_count;
     vec *vertices;
@@ -40,6 +46,7 @@ struct crb_mesh {
     int32_t *order; /* triangles in tree order */
     vec *corners;   /* [n][3] in tree order */
     wide_node *wide;
+    wide_reach *reach; /* [wide_count] or null */
     int32_t wide_count;
     vec middle;
     float extent;
@@ -51,5 +58,8 @@ static inline vec corner_at(const crb_mesh *m, int32_t t, int k) { return m->ver
 /* Each fills in its own part of a mesh. Output  0: out of memory. */
 int crb_find_features(crb_mesh *m, double plane_tolerance_m); /* features.c */
 int crb_build_trees(crb_mesh *m);                             /* trees.c */
+
+/* Signed distance at p; slot: in, where the search starts; out, of the nearest triangle. nearest.c */
+double crb_distance_at(const crb_mesh *m, vec p, int32_t *slot);
 
 #endif

@@ -119,8 +119,8 @@ static vec pseudo_normal(const crb_mesh *m, const nearest *at) {
 
 /* On squares: above the rounding of single precision, of which boxes and triangles have different shares. */
 #define ROOM (1.0 + 1e-5)
-#define KNOWN_ROOM 1e-6 /* of a box: above the rounding of distances between its points */
-#define GRAIN 4e-7f     /* of the coordinates: rounding of boxes and points to single precision */
+#define LEAN 4e-6f  /* on squares: above the rounding of normals and of places from a line along one */
+#define GRAIN 4e-7f /* of the coordinates: rounding of boxes and points to single precision */
 
 /* Eight numbers at once, by an extension of gcc and clang: neither makes such instructions of loops that choose. */
 typedef float lanes __attribute__((vector_size(4 * WIDE)));
@@ -145,20 +145,47 @@ static inline void set_gap(lanes *gap, const float *low, const float *high, cons
     take_more(gap, &none);
 }
 
-static void gaps2(const wide_node *w, const float *p, float slack, float *gap2) {
-    lanes sum = {0.0f}, height = {0.0f}, gap;
+/* Squares of how far a point is outside of boxes, or of planes: the larger. up: how far outside of the planes. */
+static void gaps2(const wide_node *w, const float *p, float slack, lanes *sum, lanes *up) {
+    const lanes none = {0.0f};
+    lanes height = none, gap;
+    *sum = none;
     for (int a = 0; a < 3; a++) {
-        const lanes none = {0.0f}, place = none + p[a];
+        const lanes place = none + p[a];
         lanes normal;
         set_gap(&gap, w->low[a], w->high[a], &place, slack);
-        sum += gap * gap;
+        *sum += gap * gap;
         memcpy(&normal, w->normal[a], sizeof normal);
         height += normal * place;
     }
-    set_gap(&gap, w->under, w->over, &height, 3.0f * slack);
-    gap *= gap;
-    take_more(&sum, &gap);
-    memcpy(gap2, &sum, sizeof sum);
+    set_gap(up, w->under, w->over, &height, 3.0f * slack);
+    gap = *up * *up;
+    take_more(sum, &gap);
+}
+
+/* The same with how far it is outside of cylinders between the planes. */
+static void add_reach(const wide_node *w, const wide_reach *r, const float *p, float slack, const lanes *up,
+                      lanes *sum) {
+    const lanes none = {0.0f};
+    lanes far2 = none, along = none, across;
+    for (int a = 0; a < 3; a++) {
+        lanes normal, way;
+        memcpy(&normal, w->normal[a], sizeof normal);
+        memcpy(&way, r->centre[a], sizeof way);
+        way = p[a] - way;
+        far2 += way * way;
+        along += normal * way;
+    }
+    far2 = far2 * (1.0f - LEAN) - along * along * (1.0f + LEAN);
+    take_more(&far2, &none);
+    for (int lane = 0; lane < WIDE; lane++) {
+        far2[lane] = sqrtf(far2[lane]);
+    }
+    memcpy(&across, r->across, sizeof across);
+    far2 -= across + 3.0f * slack;
+    take_more(&far2, &none);
+    far2 = far2 * far2 + *up * *up;
+    take_more(sum, &far2);
 }
 
 typedef struct {
@@ -213,7 +240,12 @@ static void search_wide(const crb_mesh *m, vec p, nearest *best) {
         }
         const wide_node *w = &m->wide[t.node[t.depth]];
         float gap2[WIDE];
-        gaps2(w, at, slack, gap2);
+        lanes sum, up;
+        gaps2(w, at, slack, &sum, &up);
+        if (m->reach != NULL) {
+            add_reach(w, &m->reach[t.node[t.depth]], at, slack, &up, &sum);
+        }
+        memcpy(gap2, &sum, sizeof sum);
         for (int lane = 0; lane < WIDE; lane++) {
             const int32_t slot = -1 - w->child[lane];
             if (slot < 0 || slot == guess || (double)gap2[lane] > best->distance2 * ROOM) {
@@ -238,8 +270,7 @@ static void search_wide(const crb_mesh *m, vec p, nearest *best) {
     }
 }
 
-/* Signed distance at p; slot: in, where the search starts; out, of the nearest triangle. */
-static double distance_at(const crb_mesh *m, vec p, int32_t *slot) {
+double crb_distance_at(const crb_mesh *m, vec p, int32_t *slot) {
     nearest best = {DBL_MAX, 0, 6, p};
     try_slot(m, p, *slot, &best);
     search_wide(m, p, &best);
@@ -251,44 +282,7 @@ static double distance_at(const crb_mesh *m, vec p, int32_t *slot) {
 void crb_signed_distance(const crb_mesh *m, const double *points_m, int64_t n, double *phi_m, int32_t *triangle) {
     int32_t slot = 0;
     for (int64_t i = 0; i < n; i++) {
-        phi_m[i] = distance_at(m, (vec){points_m[3 * i], points_m[3 * i + 1], points_m[3 * i + 2]}, &slot);
+        phi_m[i] = crb_distance_at(m, (vec){points_m[3 * i], points_m[3 * i + 1], points_m[3 * i + 2]}, &slot);
         triangle[i] = m->order[slot];
     }
-}
-
-/* ---- below a distance: most points are far from the surface, and a distance known near them says enough ------------- */
-
-static vec known_middle(const crb_known *k, const int32_t *box) {
-    return (vec){k->low_m[0] + (box[0] + 0.5) * k->box_m, k->low_m[1] + (box[1] + 0.5) * k->box_m,
-                 k->low_m[2] + (box[2] + 0.5) * k->box_m};
-}
-
-static int is_below(const crb_mesh *m, const crb_known *k, vec p, double below_m, int32_t *slot) {
-    int32_t box[3];
-    int within = 1;
-    for (int a = 0; a < 3; a++) {
-        const double at = (axis_of(p, a) - k->low_m[a]) / k->box_m;
-        within = within && at >= 0.0 && at < (double)k->dims[a];
-        box[a] = within ? (int32_t)at : 0;
-    }
-    if (within) {
-        const vec middle = known_middle(k, box);
-        double *phi_m = &k->phi_m[((int64_t)box[2] * k->dims[1] + box[1]) * k->dims[0] + box[0]];
-        *phi_m = isnan(*phi_m) ? distance_at(m, middle, slot) : *phi_m;
-        const double away_m = norm(sub(p, middle)) + KNOWN_ROOM * k->box_m;
-        if (*phi_m + away_m < below_m || *phi_m - away_m >= below_m) {
-            return *phi_m < below_m;
-        }
-    }
-    return distance_at(m, p, slot) < below_m;
-}
-
-int32_t crb_all_below(const crb_mesh *m, const crb_known *known, const double *points_m, int64_t n, double below_m) {
-    int32_t slot = 0;
-    for (int64_t i = 0; i < n; i++) {
-        if (!is_below(m, known, (vec){points_m[3 * i], points_m[3 * i + 1], points_m[3 * i + 2]}, below_m, &slot)) {
-            return 0;
-        }
-    }
-    return 1;
 }

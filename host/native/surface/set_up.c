@@ -20,6 +20,7 @@ void crb_mesh_free(crb_mesh *m) {
         free(m->order);
         free(m->corners);
         free(m->wide);
+        free(m->reach);
         free(m);
     }
 }

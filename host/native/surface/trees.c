@@ -5,7 +5,8 @@
 #include <stdlib.h>
 
 #define LEAF_MAX 4
-#define MEAN_LEAST 0.1 /* length of the mean of unit normals below which it is no direction */
+#define REACH_LEAST 65536 /* triangles from which on a mesh has wide_reach */
+#define MEAN_LEAST 0.1    /* length of the mean of unit normals below which it is no direction */
 
 typedef struct {
     crb_mesh *m;
@@ -136,8 +137,29 @@ static void set_box(wide_node *w, int32_t lane, vec low, vec high, vec origin) {
     }
 }
 
+/* How far the corners of slots first..end - 1 lie from a line through their middle. */
+static void set_reach(const crb_mesh *m, wide_reach *r, int32_t lane, int32_t first, int32_t end, vec along) {
+    vec low = m->corners[3 * (int64_t)first], high = low;
+    for (int64_t i = 3 * (int64_t)first; i < 3 * (int64_t)end; i++) {
+        grow(&low, &high, m->corners[i]);
+    }
+    const vec middle = sub(mul(add(low, high), 0.5), m->middle);
+    for (int a = 0; a < 3; a++) {
+        r->centre[a][lane] = (float)axis_of(middle, a);
+    }
+    const vec at = {(double)r->centre[0][lane], (double)r->centre[1][lane], (double)r->centre[2][lane]};
+    double across2 = 0.0;
+    for (int64_t i = 3 * (int64_t)first; i < 3 * (int64_t)end; i++) {
+        const vec way = sub(sub(m->corners[i], m->middle), at);
+        const double up = dot(along, way);
+        across2 = fmax(across2, dot(way, way) - up * up);
+    }
+    r->across[lane] = (float)(sqrt(across2) * (1.0 + 1e-6));
+}
+
 /* Two planes that hold the triangles of slots first..end - 1, across their mean normal; none, where they look all ways. */
-static void set_planes(const crb_mesh *m, wide_node *w, int32_t lane, int32_t first, int32_t end) {
+static void set_planes(const crb_mesh *m, int32_t index, int32_t lane, int32_t first, int32_t end) {
+    wide_node *w = &m->wide[index];
     vec sum = {0.0, 0.0, 0.0};
     double area = 0.0;
     for (int32_t slot = first; slot < end; slot++) {
@@ -159,6 +181,9 @@ static void set_planes(const crb_mesh *m, wide_node *w, int32_t lane, int32_t fi
     }
     w->under[lane] = (float)under;
     w->over[lane] = (float)over;
+    if (m->reach != NULL) {
+        set_reach(m, &m->reach[index], lane, first, end, along);
+    }
 }
 
 static int32_t build_wide(crb_mesh *m, int32_t root) {
@@ -178,7 +203,7 @@ static int32_t build_wide(crb_mesh *m, int32_t root) {
         if (part[lane].count > 0) {
             const node *own = &m->nodes[part[lane].index];
             set_box(w, lane, own->low, own->high, m->middle);
-            set_planes(m, w, lane, own->first, own->first + own->count);
+            set_planes(m, index, lane, own->first, own->first + own->count);
             w->child[lane] = build_wide(m, part[lane].index);
         } else {
             const vec *c = m->corners + 3 * (int64_t)part[lane].index;
@@ -186,7 +211,7 @@ static int32_t build_wide(crb_mesh *m, int32_t root) {
             grow(&low, &high, c[1]);
             grow(&low, &high, c[2]);
             set_box(w, lane, low, high, m->middle);
-            set_planes(m, w, lane, part[lane].index, part[lane].index + 1);
+            set_planes(m, index, lane, part[lane].index, part[lane].index + 1);
             w->child[lane] = -1 - part[lane].index;
         }
     }
@@ -197,8 +222,10 @@ static int build_wide_tree(crb_mesh *m) {
     const node *root = &m->nodes[0];
     m->middle = mul(add(root->low, root->high), 0.5);
     m->extent = (float)norm(sub(root->high, root->low));
+    const int has_reach = m->triangle_count >= REACH_LEAST;
     m->wide = malloc((size_t)m->node_count * sizeof *m->wide);
-    if (m->wide == NULL) {
+    m->reach = has_reach ? calloc((size_t)m->node_count, sizeof *m->reach) : NULL;
+    if (m->wide == NULL || (has_reach && m->reach == NULL)) {
         return 0;
     }
     (void)build_wide(m, 0);
