@@ -28,6 +28,7 @@ void cr_couple_gather(cr_couple_view *view, const cr_pose *tool);
 /* Of each piece of surface of a cluster: the way from its middle to its end, the way the distance falls, in one line. The distance falls at the low end. */
 typedef struct {
     float way_x[CR_LANES], way_y[CR_LANES], way_z[CR_LANES]; /* tool frame */
+    float drop[CR_LANES]; /* how far the piece is behind its plane at the end of that way, m */
     float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES];
     float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
     cr_lanes3 low_gradient, high_gradient; /* world frame */

@@ -13,6 +13,10 @@
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
 #define LEAN_MIN_M 1e-6f
+/* The least bend of a distance along a line, m: rounding. */
+#define BEND_LEAST_M 1e-9f
+/* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
+#define BESIDE_MIN 0.1f
 /* Times that a least between two ends is looked for. */
 #define BETWEEN_MAX 2
 
@@ -28,11 +32,35 @@ static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
 
 static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
 
+static cr_vec3 out_of(const struct cr_img_cluster *c, int i) { return v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f); }
+
 /* On a piece at a share of its line: a face that bends falls away behind its plane. Tool frame. */
 static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
     const cr_vec3 p = v3_mad(v3(c->x[i], c->y[i], c->z[i]), way_of(l, i), share);
-    const cr_vec3 out = v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f);
-    return v3_mad(p, out, -c->bow[i] * share * share);
+    return v3_mad(p, out_of(c, i), -l->drop[i] * share * share);
+}
+
+/* Where the line goes there. */
+static cr_vec3 along_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
+    return v3_mad(way_of(l, i), out_of(c, i), -2.0f * l->drop[i] * share);
+}
+
+/* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
+ * axis. How normals turn along the line from the samples beside it tells its bend there. */
+static float drop_of(const struct cr_img_cluster *c, const cr_couple_lines *l, int i) {
+    const cr_vec3 w = way_of(l, i), out = out_of(c, i);
+    const float from = v3_dot(w, v3(c->x[i], c->y[i], c->z[i])), turned = v3_dot(w, out), long2 = v3_dot(w, w);
+    float top = 0.0f, bottom = 0.0f;
+    for (uint32_t left = c->bow[i] > 0.0f ? c->beside[i] : 0u; left != 0u;) {
+        const int j = take_lane(&left);
+        const float d = v3_dot(w, v3(c->x[j], c->y[j], c->z[j])) - from;
+        if (c->bow[j] > 0.0f) {
+            top += d * (v3_dot(w, out_of(c, j)) - turned);
+            bottom += d * d;
+        }
+    }
+    const float least = BESIDE_MIN * c->ramp[i];
+    return bottom > least * least * long2 ? clamp_f(0.5f * long2 * top / bottom, 0.0f, c->bow[i]) : c->bow[i];
 }
 
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
@@ -77,6 +105,7 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
             l->way_x[i] *= scale;
             l->way_y[i] *= scale;
             l->way_z[i] *= scale;
+            l->drop[i] = drop_of(c, l, i);
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
             put_place(&l->low_gradient, i, gradient_of(at, i));
@@ -96,20 +125,27 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
     v->lookups++;
 }
 
-/* Where two tangents of a line's distances meet: exact where a face comes to lie over an edge. */
-static float meet_tangents(const cr_couple_lines *l, int i) {
-    const float steps = l->high[i] - l->low[i], less = l->low_slope[i] - l->high_slope[i];
-    const float t = (l->high_phi[i] - l->low_phi[i] - l->high_slope[i] * steps) / less;
-    return t > 0.0f && t < steps ? l->low[i] + t : l->low[i] + 0.5f * steps;
+/* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
+ * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
+static float find_least(const struct cr_img_cluster *c, const cr_couple_lines *l, const cr_couple_view *v, int i) {
+    const float steps = l->high[i] - l->low[i];
+    const cr_vec3 n = lane_of(&l->low_gradient, i), out = xform_rotate(&v->pose, out_of(c, i));
+    const float bend = 2.0f * higher_f(-v3_dot(n, out) * l->drop[i], BEND_LEAST_M);
+    const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
+    const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
+    const float meet = less < -BEND_LEAST_M ? clamp_f(rest / less, 0.0f, steps) : 0.5f * steps;
+    const float low = -l->low_slope[i] / bend, high = steps - l->high_slope[i] / bend;
+    const float t = lower_f(low, higher_f(meet, high));
+    return l->low[i] + (t > 0.0f && t < steps ? t : 0.5f * steps);
 }
 
 /* The normal at a least between two ends: of all directions between their gradients the one that does not lean along the line. Where two edges cross it is at right
  * angles to both; either gradient less its part along the line is not. */
-static cr_vec3 level_between(const cr_couple_lines *l, int i, cr_vec3 there) {
+static cr_vec3 level_between(const cr_couple_lines *l, int i, cr_vec3 way, cr_vec3 there) {
     const cr_vec3 low = lane_of(&l->low_gradient, i), high = lane_of(&l->high_gradient, i);
-    const cr_vec3 n = v3_mad(v3_scale(low, l->high_slope[i]), high, -l->low_slope[i]);
-    const float size = l->high_slope[i] - l->low_slope[i];
-    return v3_norm(n) > GRADIENT_MIN * size ? v3_unit(n, 0.0f) : there;
+    const float up = v3_dot(high, way), down = v3_dot(low, way);
+    const cr_vec3 n = v3_mad(v3_scale(low, up), high, -down);
+    return up > 0.0f && down < 0.0f && v3_norm(n) > GRADIENT_MIN * (up - down) ? v3_unit(n, 0.0f) : there;
 }
 
 /* Where a lane's piece is nearer. */
@@ -118,8 +154,9 @@ static void take_found(const cr_lookup *at, int i, cr_vec3 n, float *phi_m, cr_l
     put_place(normal, i, n);
 }
 
-static float slope_of(const cr_couple_view *v, const cr_couple_lines *l, const cr_lookup *at, int i) {
-    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, way_of(l, i)));
+static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l,
+                      const cr_lookup *at, int i, float share) {
+    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, along_piece(c, l, i, share)));
 }
 
 uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, cr_couple_lines *l,
@@ -139,11 +176,12 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
     look_up_at(v, c, l, leaning, share, &found, &there);
     for (uint32_t left = leaning; left != 0u;) {
         const int i = take_lane(&left);
-        const float slope = slope_of(v, l, &there, i);
+        const float slope = slope_of(v, c, l, &there, i, 1.0f);
         phi_m[i] = at->phi_m[i];
         /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-         * be the end itself, and there it falls no steeper than it bends. */
-        if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
+         * be the end itself, and there it falls no steeper than it bends; and on a curved face, where it falls no more than the face bends in half as far again. */
+        const float bend = has_lane(c->crease_mask, i) ? BEND_MAX * v3_norm(way_of(l, i)) : l->drop[i];
+        if (there.phi_m[i] < phi_m[i] && -slope < bend) {
             take_found(&there, i, gradient_of(&there, i), phi_m, normal);
             put_place(place, i, lane_of(&found, i));
             *nearer |= 1u << i;
@@ -157,12 +195,12 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
     for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
         for (uint32_t left = between; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = meet_tangents(l, i);
+            share[i] = find_least(c, l, v, i);
         }
         look_up_at(v, c, l, between, share, &found, &there);
         for (uint32_t left = between; left != 0u;) {
             const int i = take_lane(&left);
-            const float slope = slope_of(v, l, &there, i);
+            const float slope = slope_of(v, c, l, &there, i, share[i]);
             float *end = slope > 0.0f ? l->high : l->low;
             float *end_phi = slope > 0.0f ? l->high_phi : l->low_phi;
             float *end_slope = slope > 0.0f ? l->high_slope : l->low_slope;
@@ -171,7 +209,8 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
             end_slope[i] = slope;
             put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
             if (there.phi_m[i] < phi_m[i]) {
-                take_found(&there, i, level_between(l, i, gradient_of(&there, i)), phi_m, normal);
+                const cr_vec3 way = xform_rotate(&v->pose, along_piece(c, l, i, share[i]));
+                take_found(&there, i, level_between(l, i, way, gradient_of(&there, i)), phi_m, normal);
                 put_place(place, i, lane_of(&found, i));
                 *nearer |= 1u << i;
             }
