@@ -13,6 +13,8 @@
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
 #define LEAN_MIN_M 1e-6f
+/* Beside a convex edge a sample that is so little behind a face is not behind it: points press so deep, m. */
+#define EDGE_M 2e-5f
 /* The least bend of a distance along a line, m: rounding. */
 #define BEND_LEAST_M 1e-9f
 /* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
@@ -43,6 +45,12 @@ static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l
 /* Where the line goes there. */
 static cr_vec3 along_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
     return v3_mad(way_of(l, i), out_of(c, i), -2.0f * l->drop[i] * share);
+}
+
+/* And the surface's normal there. */
+static cr_vec3 out_there(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
+    const cr_vec3 w = way_of(l, i);
+    return v3_unit(v3_mad(out_of(c, i), w, 2.0f * l->drop[i] * share / v3_dot(w, w)), 0.0f);
 }
 
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
@@ -139,13 +147,26 @@ static float find_least(const struct cr_img_cluster *c, const cr_couple_lines *l
     return l->low[i] + (t > 0.0f && t < steps ? t : 0.5f * steps);
 }
 
-/* The normal at a least between two ends: of all directions between their gradients the one that does not lean along the line. Where two edges cross it is at right
- * angles to both; either gradient less its part along the line is not. */
-static cr_vec3 level_between(const cr_couple_lines *l, int i, cr_vec3 way, cr_vec3 there) {
-    const cr_vec3 low = lane_of(&l->low_gradient, i), high = lane_of(&l->high_gradient, i);
-    const float up = v3_dot(high, way), down = v3_dot(low, way);
-    const cr_vec3 n = v3_mad(v3_scale(low, up), high, -down);
-    return up > 0.0f && down < 0.0f && v3_norm(n) > GRADIENT_MIN * (up - down) ? v3_unit(n, 0.0f) : there;
+/* Of all directions between two the one nearest to a third: how much of each. */
+static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
+    const float c = v3_dot(n[0], n[1]), a = v3_dot(n[0], to), b = v3_dot(n[1], to);
+    share[0] = higher_f(0.0f, a - c * b);
+    share[1] = higher_f(0.0f, b - c * a);
+}
+
+/* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
+ * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. World frame. */
+static cr_vec3 level_between(const cr_couple_lines *l, int i, int crease, cr_vec3 way, cr_vec3 in, cr_vec3 there) {
+    const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
+    float share[2] = {0.0f, 0.0f};
+    if (crease) {
+        share[0] = higher_f(0.0f, v3_dot(n[1], way));
+        share[1] = higher_f(0.0f, -v3_dot(n[0], way));
+    } else {
+        share_between(n, in, share);
+    }
+    const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
+    return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
 }
 
 /* Where a lane's piece is nearer. */
@@ -180,10 +201,16 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
         phi_m[i] = at->phi_m[i];
         /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
          * be the end itself, and there it falls no steeper than it bends; and on a curved face, where it falls no more than the face bends in half as far again. */
-        const float bend = has_lane(c->crease_mask, i) ? BEND_MAX * v3_norm(way_of(l, i)) : l->drop[i];
-        if (there.phi_m[i] < phi_m[i] && -slope < bend) {
+        if (has_lane(c->crease_mask, i)) {
+            if (there.phi_m[i] < phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
+                take_found(&there, i, gradient_of(&there, i), phi_m, normal);
+                put_place(place, i, lane_of(&found, i));
+                *nearer |= 1u << i;
+            }
+        } else if (slope <= 0.0f && -slope < l->drop[i]) {
+            const float on = 1.0f - 0.5f * slope / l->drop[i];
             take_found(&there, i, gradient_of(&there, i), phi_m, normal);
-            put_place(place, i, lane_of(&found, i));
+            put_place(place, i, xform_point(&v->pose, on_piece(c, l, i, on)));
             *nearer |= 1u << i;
         }
         l->high[i] = 1.0f;
@@ -210,13 +237,50 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
             put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
             if (there.phi_m[i] < phi_m[i]) {
                 const cr_vec3 way = xform_rotate(&v->pose, along_piece(c, l, i, share[i]));
-                take_found(&there, i, level_between(l, i, way, gradient_of(&there, i)), phi_m, normal);
+                const cr_vec3 in = xform_rotate(&v->pose, v3_scale(out_there(c, l, i, share[i]), -1.0f));
+                const int crease = has_lane(c->crease_mask, i);
+                take_found(&there, i, level_between(l, i, crease, way, in, gradient_of(&there, i)), phi_m, normal);
                 put_place(place, i, lane_of(&found, i));
                 *nearer |= 1u << i;
             }
         }
     }
     return leaning;
+}
+
+int cr_couple_beside_edge(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
+                          cr_vec3 place, float *gap_m, cr_vec3 *normal) {
+    const cr_scene *s = v->field->scene;
+    const cr_vec3 in = xform_rotate(&v->pose, v3_scale(out_of(c, i), -1.0f));
+    cr_vec3 n[CR_KIND_FACETS_MAX];
+    float height[CR_KIND_FACETS_MAX], most = 0.0f;
+    uint32_t count = 0u;
+    if (!has_lane(at->from_facet, i) || s->kinds[at->kind[i]].kind != (uint32_t)CR_KIND_CONVEX ||
+        at->phi_m[i] > EDGE_M) {
+        return 0;
+    }
+    const struct cr_img_kind *kind = &s->kinds[at->kind[i]];
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
+        n[count] = v3_from(f->normal);
+        height[count] = v3_dot(n[count], place) - f->offset_m;
+        count += height[count] > -EDGE_M ? 1u : 0u;
+    }
+    for (uint32_t k = 1u; k < count; k++) {
+        for (uint32_t j = 0u; j < k; j++) {
+            const cr_vec3 pair[2] = {n[j], n[k]};
+            float share[2];
+            share_between(pair, in, share);
+            const cr_vec3 sum = v3_mad(v3_scale(n[j], share[0]), n[k], share[1]);
+            const float size = v3_norm(sum), faces = v3_dot(sum, in);
+            if (faces > most * size) {
+                most = faces / size;
+                *normal = v3_scale(sum, 1.0f / size);
+                *gap_m = higher_f((share[0] * height[j] + share[1] * height[k]) / size, lower_f(0.0f, at->phi_m[i]));
+            }
+        }
+    }
+    return most > 0.0f;
 }
 
 /* Whether the surface is where a facet's plane is below a place: the facet may end before. */
