@@ -15,6 +15,8 @@
 #define LEAN_MIN_M 1e-6f
 /* Beside a convex edge a sample that is so little behind a face is not behind it: points press so deep, m. */
 #define EDGE_M 2e-5f
+/* A curved face goes on beyond the end of its piece, by so many times how far that is from its middle. */
+#define SLIDE_MAX 1.5f
 /* The least bend of a distance along a line, m: rounding. */
 #define BEND_LEAST_M 1e-9f
 /* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
@@ -55,8 +57,8 @@ static cr_vec3 out_there(const struct cr_img_cluster *c, const cr_couple_lines *
 
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
  * axis. How normals turn along the line from the samples beside it tells its bend there. */
-static float drop_of(const struct cr_img_cluster *c, const cr_couple_lines *l, int i) {
-    const cr_vec3 w = way_of(l, i), out = out_of(c, i);
+static float drop_of(const struct cr_img_cluster *c, int i, cr_vec3 w) {
+    const cr_vec3 out = out_of(c, i);
     const float from = v3_dot(w, v3(c->x[i], c->y[i], c->z[i])), turned = v3_dot(w, out), long2 = v3_dot(w, w);
     float top = 0.0f, bottom = 0.0f;
     for (uint32_t left = c->bow[i] > 0.0f ? c->beside[i] : 0u; left != 0u;) {
@@ -113,7 +115,7 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
             l->way_x[i] *= scale;
             l->way_y[i] *= scale;
             l->way_z[i] *= scale;
-            l->drop[i] = drop_of(c, l, i);
+            l->drop[i] = drop_of(c, i, way_of(l, i));
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
             put_place(&l->low_gradient, i, gradient_of(at, i));
@@ -156,23 +158,59 @@ static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
 
 /* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
  * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. World frame. */
-static cr_vec3 level_between(const cr_couple_lines *l, int i, int crease, cr_vec3 way, cr_vec3 in, cr_vec3 there) {
+static cr_vec3 level_between(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
+                             float at, cr_vec3 there) {
     const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
-    float share[2] = {0.0f, 0.0f};
-    if (crease) {
+    float share[2];
+    if (has_lane(c->crease_mask, i)) {
+        const cr_vec3 way = xform_rotate(&v->pose, way_of(l, i));
         share[0] = higher_f(0.0f, v3_dot(n[1], way));
         share[1] = higher_f(0.0f, -v3_dot(n[0], way));
     } else {
-        share_between(n, in, share);
+        share_between(n, xform_rotate(&v->pose, v3_scale(out_there(c, l, i, at), -1.0f)), share);
     }
     const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
     return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
 }
 
-/* Where a lane's piece is nearer. */
-static void take_found(const cr_lookup *at, int i, cr_vec3 n, float *phi_m, cr_lanes3 *normal) {
-    phi_m[i] = at->phi_m[i];
-    put_place(normal, i, n);
+/* A bit of one set of lanes as it is in another. */
+static uint32_t with_lane(uint32_t lanes, uint32_t from, int i) { return (lanes & ~(1u << i)) | (from & (1u << i)); }
+
+/* A piece is nearer elsewhere: what was looked up there stands for its sample. */
+static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr_lookup *at, cr_lanes3 *place) {
+    at->phi_m[i] = there->phi_m[i];
+    at->gx[i] = there->gx[i];
+    at->gy[i] = there->gy[i];
+    at->gz[i] = there->gz[i];
+    at->ux[i] = there->ux[i];
+    at->uy[i] = there->uy[i];
+    at->uz[i] = there->uz[i];
+    at->entry[i] = there->entry[i];
+    at->facet[i] = there->facet[i];
+    at->kind[i] = there->kind[i];
+    at->on_planes = with_lane(at->on_planes, there->on_planes, i);
+    at->from_facet = with_lane(at->from_facet, there->from_facet, i);
+    at->bent = with_lane(at->bent, there->bent, i);
+    put_place(place, i, lane_of(found, i));
+}
+
+/* A curved face's piece over a plane through what was found: its least is as far from there as the face bends until it is level, in a direction that the line need not
+ * have had. No farther than half as far again as the piece goes: its ends are no rectangle's.   Output  the place moved, and its height. */
+static void slide_level(const cr_couple_view *v, const struct cr_img_cluster *c, int i, cr_vec3 normal, cr_vec3 out,
+                        float *phi_m, cr_lanes3 *place) {
+    const cr_vec3 n = xform_unrotate(&v->pose, normal);
+    const cr_vec3 lean = v3_mad(n, out, -v3_dot(n, out)), w = spread_times(c, i, lean);
+    const float reach = 0.5f * sqrtf(higher_f(0.0f, v3_dot(lean, w)));
+    if (c->bow[i] > 0.0f && reach > LEAN_MIN_M) {
+        const cr_vec3 way = v3_scale(v3_mad(w, out, -v3_dot(w, out)), -0.25f / reach);
+        const float slope = v3_dot(n, way), bend = -2.0f * v3_dot(n, out) * drop_of(c, i, way);
+        if (-slope < SLIDE_MAX * bend) {
+            const float share = -slope / bend;
+            const cr_vec3 moved = v3_mad(v3_scale(way, share), out, 0.5f * bend * share * share / v3_dot(n, out));
+            *phi_m += v3_dot(n, moved);
+            put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, moved)));
+        }
+    }
 }
 
 static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l,
@@ -180,11 +218,11 @@ static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, c
     return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, along_piece(c, l, i, share)));
 }
 
-uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, cr_couple_lines *l,
+uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
     cr_lanes3 found;
-    float share[CR_LANES], phi_m[CR_LANES];
+    float share[CR_LANES], taken[CR_LANES];
     const uint32_t leaning = begin_lines(v, c, at, l);
     uint32_t between = 0u;
     *nearer = 0u;
@@ -198,19 +236,14 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
     for (uint32_t left = leaning; left != 0u;) {
         const int i = take_lane(&left);
         const float slope = slope_of(v, c, l, &there, i, 1.0f);
-        phi_m[i] = at->phi_m[i];
         /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-         * be the end itself, and there it falls no steeper than it bends; and on a curved face, where it falls no more than the face bends in half as far again. */
-        if (has_lane(c->crease_mask, i)) {
-            if (there.phi_m[i] < phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
-                take_found(&there, i, gradient_of(&there, i), phi_m, normal);
-                put_place(place, i, lane_of(&found, i));
-                *nearer |= 1u << i;
-            }
-        } else if (slope <= 0.0f && -slope < l->drop[i]) {
-            const float on = 1.0f - 0.5f * slope / l->drop[i];
-            take_found(&there, i, gradient_of(&there, i), phi_m, normal);
-            put_place(place, i, xform_point(&v->pose, on_piece(c, l, i, on)));
+         * be the end itself, and there it falls no steeper than it bends; and where a face does, if it is level within half as far again. */
+        const int ends = has_lane(c->crease_mask, i) ? -slope < BEND_MAX * v3_norm(way_of(l, i))
+                                                     : slope <= 0.0f && -slope < l->drop[i];
+        if (there.phi_m[i] < at->phi_m[i] && ends) {
+            take_found(&there, &found, i, at, place);
+            put_place(normal, i, gradient_of(&there, i));
+            taken[i] = 1.0f;
             *nearer |= 1u << i;
         }
         l->high[i] = 1.0f;
@@ -235,15 +268,17 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, co
             end_phi[i] = there.phi_m[i];
             end_slope[i] = slope;
             put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
-            if (there.phi_m[i] < phi_m[i]) {
-                const cr_vec3 way = xform_rotate(&v->pose, along_piece(c, l, i, share[i]));
-                const cr_vec3 in = xform_rotate(&v->pose, v3_scale(out_there(c, l, i, share[i]), -1.0f));
-                const int crease = has_lane(c->crease_mask, i);
-                take_found(&there, i, level_between(l, i, crease, way, in, gradient_of(&there, i)), phi_m, normal);
-                put_place(place, i, lane_of(&found, i));
+            if (there.phi_m[i] < at->phi_m[i]) {
+                take_found(&there, &found, i, at, place);
+                put_place(normal, i, level_between(v, c, l, i, share[i], gradient_of(&there, i)));
+                taken[i] = share[i];
                 *nearer |= 1u << i;
             }
         }
+    }
+    for (uint32_t left = *nearer & ~(uint32_t)c->crease_mask; left != 0u;) {
+        const int i = take_lane(&left);
+        slide_level(v, c, i, lane_of(normal, i), out_there(c, l, i, taken[i]), &at->phi_m[i], place);
     }
     return leaning;
 }
