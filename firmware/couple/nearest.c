@@ -15,8 +15,6 @@
 #define LEAN_MIN_M 1e-6f
 /* Beside a convex edge a sample that is so little behind a face is not behind it: points press so deep, m. */
 #define EDGE_M 2e-5f
-/* A curved face goes on beyond the end of its piece, by so many times how far that is from its middle. */
-#define SLIDE_MAX 1.5f
 /* The least bend of a distance along a line, m: rounding. */
 #define BEND_LEAST_M 1e-9f
 /* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
@@ -194,25 +192,6 @@ static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr
     put_place(place, i, lane_of(found, i));
 }
 
-/* A curved face's piece over a plane through what was found: its least is as far from there as the face bends until it is level, in a direction that the line need not
- * have had. No farther than half as far again as the piece goes: its ends are no rectangle's.   Output  the place moved, and its height. */
-static void slide_level(const cr_couple_view *v, const struct cr_img_cluster *c, int i, cr_vec3 normal, cr_vec3 out,
-                        float *phi_m, cr_lanes3 *place) {
-    const cr_vec3 n = xform_unrotate(&v->pose, normal);
-    const cr_vec3 lean = v3_mad(n, out, -v3_dot(n, out)), w = spread_times(c, i, lean);
-    const float reach = 0.5f * sqrtf(higher_f(0.0f, v3_dot(lean, w)));
-    if (c->bow[i] > 0.0f && reach > LEAN_MIN_M) {
-        const cr_vec3 way = v3_scale(v3_mad(w, out, -v3_dot(w, out)), -0.25f / reach);
-        const float slope = v3_dot(n, way), bend = -2.0f * v3_dot(n, out) * drop_of(c, i, way);
-        if (-slope < SLIDE_MAX * bend) {
-            const float share = -slope / bend;
-            const cr_vec3 moved = v3_mad(v3_scale(way, share), out, 0.5f * bend * share * share / v3_dot(n, out));
-            *phi_m += v3_dot(n, moved);
-            put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, moved)));
-        }
-    }
-}
-
 static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l,
                       const cr_lookup *at, int i, float share) {
     return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, along_piece(c, l, i, share)));
@@ -222,7 +201,7 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
     cr_lanes3 found;
-    float share[CR_LANES], taken[CR_LANES];
+    float share[CR_LANES];
     const uint32_t leaning = begin_lines(v, c, at, l);
     uint32_t between = 0u;
     *nearer = 0u;
@@ -237,20 +216,17 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
         const int i = take_lane(&left);
         const float slope = slope_of(v, c, l, &there, i, 1.0f);
         /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-         * be the end itself, and there it falls no steeper than it bends; and where a face does, if it is level within half as far again. */
-        const int ends = has_lane(c->crease_mask, i) ? -slope < BEND_MAX * v3_norm(way_of(l, i))
-                                                     : slope <= 0.0f && -slope < l->drop[i];
-        if (there.phi_m[i] < at->phi_m[i] && ends) {
+         * be the end itself, and there it falls no steeper than it bends. */
+        if (has_lane(c->crease_mask, i) && there.phi_m[i] < at->phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
             take_found(&there, &found, i, at, place);
             put_place(normal, i, gradient_of(&there, i));
-            taken[i] = 1.0f;
             *nearer |= 1u << i;
         }
         l->high[i] = 1.0f;
         l->high_phi[i] = there.phi_m[i];
         l->high_slope[i] = slope;
         put_place(&l->high_gradient, i, gradient_of(&there, i));
-        between |= (uint32_t)(slope > 0.0f) << i;
+        between |= (uint32_t)(slope > 0.0f && slope_of(v, c, l, &there, i, 0.0f) > 0.0f) << i;
     }
     for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
         for (uint32_t left = between; left != 0u;) {
@@ -271,14 +247,9 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
             if (there.phi_m[i] < at->phi_m[i]) {
                 take_found(&there, &found, i, at, place);
                 put_place(normal, i, level_between(v, c, l, i, share[i], gradient_of(&there, i)));
-                taken[i] = share[i];
                 *nearer |= 1u << i;
             }
         }
-    }
-    for (uint32_t left = *nearer & ~(uint32_t)c->crease_mask; left != 0u;) {
-        const int i = take_lane(&left);
-        slide_level(v, c, i, lane_of(normal, i), out_there(c, l, i, taken[i]), &at->phi_m[i], place);
     }
     return leaning;
 }
