@@ -197,6 +197,12 @@ static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, c
     return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, along_piece(c, l, i, share)));
 }
 
+/* Whether a place sees flat faces only, that may meet convexly. */
+static int is_flat(const cr_couple_view *v, const cr_lookup *at, int i) {
+    const uint32_t kind = v->field->scene->kinds[cr_field_kind(v->field, at, i)].kind;
+    return kind == (uint32_t)CR_KIND_PLANAR || kind == (uint32_t)CR_KIND_CONVEX;
+}
+
 uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
@@ -226,7 +232,8 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
         l->high_phi[i] = there.phi_m[i];
         l->high_slope[i] = slope;
         put_place(&l->high_gradient, i, gradient_of(&there, i));
-        between |= (uint32_t)(slope > 0.0f && slope_of(v, c, l, &there, i, 0.0f) > 0.0f) << i;
+        /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
+        between |= (uint32_t)(slope > 0.0f && (slope_of(v, c, l, &there, i, 0.0f) > 0.0f || is_flat(v, at, i))) << i;
     }
     for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
         for (uint32_t left = between; left != 0u;) {
