@@ -43,8 +43,8 @@ float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_clust
 /* Purpose  where the pieces of surface of some samples of a cluster come nearest.
  * Shapes   place: of the samples, world frame; at: what was looked up there; lines: theirs.   Result  bits of those whose piece was looked at.
  * Output   bits of those that come nearer elsewhere, and their place, what was looked up there, and normal. */
-uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at,
-                           cr_couple_lines *lines, cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
+uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
+                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
 
 /* Purpose  the plane of a sample at a convex edge of the obstacle. Either face may be the one that it stays before, and which is not told by where the sample is:
  *          one that is pressed a little below the one face is just beside the other. So the plane goes through the edge, and faces the tool's surface there as
