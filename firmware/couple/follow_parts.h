@@ -46,13 +46,6 @@ float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_clust
 uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
 
-/* Purpose  the plane of a sample at a convex edge of the obstacle. Either face may be the one that it stays before, and which is not told by where the sample is:
- *          one that is pressed a little below the one face is just beside the other. So the plane goes through the edge, and faces the tool's surface there as
- *          far as one at that edge can.
- * Shapes   at: what was looked up at the place of lane i.   Result  whether it is at an edge.   Output  *gap_m, *normal, else untouched. */
-int cr_couple_beside_edge(const cr_couple_view *view, const struct cr_img_cluster *c, const cr_lookup *at, int i,
-                          cr_vec3 place, float *gap_m, cr_vec3 *normal);
-
 /* The walls that a sample must stay before at once: those that meet concavely where it is. */
 typedef struct {
     uint32_t count;

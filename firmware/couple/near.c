@@ -110,10 +110,7 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
             const cr_vec3 p = lane_of(&world, i);
             if (!add_walls(v, &at, i, p, key)) {
                 cr_vec3 n = has_lane(nearer, i) ? lane_of(&normal, i) : plane_of(v, c, &at, i);
-                float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
-                if (!has_lane(nearer, i)) {
-                    (void)cr_couple_beside_edge(v, c, &at, i, p, &gap, &n);
-                }
+                const float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
                 add_sample(v, key, p, gap, n);
             }
         }

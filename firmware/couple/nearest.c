@@ -13,8 +13,6 @@
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
 #define LEAN_MIN_M 1e-6f
-/* Beside a convex edge a sample that is so little behind a face is not behind it: points press so deep, m. */
-#define EDGE_M 2e-5f
 /* The least bend of a distance along a line, m: rounding. */
 #define BEND_LEAST_M 1e-9f
 /* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
@@ -135,10 +133,9 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
 
 /* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
  * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
-static float find_least(const struct cr_img_cluster *c, const cr_couple_lines *l, const cr_couple_view *v, int i) {
+static float find_least(const cr_couple_lines *l, int i) {
     const float steps = l->high[i] - l->low[i];
-    const cr_vec3 n = lane_of(&l->low_gradient, i), out = xform_rotate(&v->pose, out_of(c, i));
-    const float bend = 2.0f * higher_f(-v3_dot(n, out) * l->drop[i], BEND_LEAST_M);
+    const float bend = 2.0f * higher_f(l->drop[i], BEND_LEAST_M);
     const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
     const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
     const float meet = less < -BEND_LEAST_M ? clamp_f(rest / less, 0.0f, steps) : 0.5f * steps;
@@ -192,9 +189,9 @@ static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr
     put_place(place, i, lane_of(found, i));
 }
 
-static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l,
-                      const cr_lookup *at, int i, float share) {
-    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, along_piece(c, l, i, share)));
+static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
+                      cr_vec3 gradient, float share) {
+    return v3_dot(xform_unrotate(&v->pose, gradient), along_piece(c, l, i, share));
 }
 
 /* Whether a place sees flat faces only, that may meet convexly. */
@@ -203,97 +200,49 @@ static int is_flat(const cr_couple_view *v, const cr_lookup *at, int i) {
     return kind == (uint32_t)CR_KIND_PLANAR || kind == (uint32_t)CR_KIND_CONVEX;
 }
 
+/* What was found at a share of a line becomes one of its ends. */
+static void put_end(cr_couple_lines *l, int i, int high, float share, float phi_m, float slope, cr_vec3 gradient) {
+    (high ? l->high : l->low)[i] = share;
+    (high ? l->high_phi : l->low_phi)[i] = phi_m;
+    (high ? l->high_slope : l->low_slope)[i] = slope;
+    put_place(high ? &l->high_gradient : &l->low_gradient, i, gradient);
+}
+
 uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
     cr_lanes3 found;
     float share[CR_LANES];
     const uint32_t leaning = begin_lines(v, c, at, l);
-    uint32_t between = 0u;
+    uint32_t asked = leaning;
     *nearer = 0u;
-    if (leaning == 0u) {
-        return 0u;
-    }
-    for (int i = 0; i < CR_LANES; i++) {
-        share[i] = 1.0f;
-    }
-    look_up_at(v, c, l, leaning, share, &found, &there);
-    for (uint32_t left = leaning; left != 0u;) {
-        const int i = take_lane(&left);
-        const float slope = slope_of(v, c, l, &there, i, 1.0f);
-        /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-         * be the end itself, and there it falls no steeper than it bends. */
-        if (has_lane(c->crease_mask, i) && there.phi_m[i] < at->phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
-            take_found(&there, &found, i, at, place);
-            put_place(normal, i, gradient_of(&there, i));
-            *nearer |= 1u << i;
-        }
-        l->high[i] = 1.0f;
-        l->high_phi[i] = there.phi_m[i];
-        l->high_slope[i] = slope;
-        put_place(&l->high_gradient, i, gradient_of(&there, i));
-        /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
-        between |= (uint32_t)(slope > 0.0f && (slope_of(v, c, l, &there, i, 0.0f) > 0.0f || is_flat(v, at, i))) << i;
-    }
-    for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
-        for (uint32_t left = between; left != 0u;) {
+    for (int tries = 0; tries <= BETWEEN_MAX && asked != 0u; tries++) {
+        uint32_t between = 0u;
+        for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = find_least(c, l, v, i);
+            share[i] = tries == 0 ? 1.0f : find_least(l, i);
         }
-        look_up_at(v, c, l, between, share, &found, &there);
-        for (uint32_t left = between; left != 0u;) {
+        look_up_at(v, c, l, asked, share, &found, &there);
+        for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            const float slope = slope_of(v, c, l, &there, i, share[i]);
-            float *end = slope > 0.0f ? l->high : l->low;
-            float *end_phi = slope > 0.0f ? l->high_phi : l->low_phi;
-            float *end_slope = slope > 0.0f ? l->high_slope : l->low_slope;
-            end[i] = share[i];
-            end_phi[i] = there.phi_m[i];
-            end_slope[i] = slope;
-            put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
-            if (there.phi_m[i] < at->phi_m[i]) {
+            const cr_vec3 n = gradient_of(&there, i);
+            const float slope = slope_of(v, c, l, i, n, share[i]);
+            /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
+             * be the end itself, and there it falls no steeper than it bends. */
+            const int counts = tries > 0 || (has_lane(c->crease_mask, i) && -slope < BEND_MAX * v3_norm(way_of(l, i)));
+            /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
+            const int bent = slope > 0.0f && (slope_of(v, c, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
+            put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
+            between |= (uint32_t)(tries > 0 || bent) << i;
+            if (counts && there.phi_m[i] < at->phi_m[i]) {
                 take_found(&there, &found, i, at, place);
-                put_place(normal, i, level_between(v, c, l, i, share[i], gradient_of(&there, i)));
+                put_place(normal, i, tries == 0 ? n : level_between(v, c, l, i, share[i], n));
                 *nearer |= 1u << i;
             }
         }
+        asked = between;
     }
     return leaning;
-}
-
-int cr_couple_beside_edge(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
-                          cr_vec3 place, float *gap_m, cr_vec3 *normal) {
-    const cr_scene *s = v->field->scene;
-    const cr_vec3 in = xform_rotate(&v->pose, v3_scale(out_of(c, i), -1.0f));
-    cr_vec3 n[CR_KIND_FACETS_MAX];
-    float height[CR_KIND_FACETS_MAX], most = 0.0f;
-    uint32_t count = 0u;
-    if (!has_lane(at->from_facet, i) || s->kinds[at->kind[i]].kind != (uint32_t)CR_KIND_CONVEX ||
-        at->phi_m[i] > EDGE_M) {
-        return 0;
-    }
-    const struct cr_img_kind *kind = &s->kinds[at->kind[i]];
-    for (uint32_t k = 0; k < kind->count; k++) {
-        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
-        n[count] = v3_from(f->normal);
-        height[count] = v3_dot(n[count], place) - f->offset_m;
-        count += height[count] > -EDGE_M ? 1u : 0u;
-    }
-    for (uint32_t k = 1u; k < count; k++) {
-        for (uint32_t j = 0u; j < k; j++) {
-            const cr_vec3 pair[2] = {n[j], n[k]};
-            float share[2];
-            share_between(pair, in, share);
-            const cr_vec3 sum = v3_mad(v3_scale(n[j], share[0]), n[k], share[1]);
-            const float size = v3_norm(sum), faces = v3_dot(sum, in);
-            if (faces > most * size) {
-                most = faces / size;
-                *normal = v3_scale(sum, 1.0f / size);
-                *gap_m = higher_f((share[0] * height[j] + share[1] * height[k]) / size, lower_f(0.0f, at->phi_m[i]));
-            }
-        }
-    }
-    return most > 0.0f;
 }
 
 /* Whether the surface is where a facet's plane is below a place: the facet may end before. */
