@@ -28,6 +28,7 @@ void cr_couple_gather(cr_couple_view *view, const cr_pose *tool);
 /* Of each piece of surface of a cluster: the way from its middle to its end, the way the distance falls, in one line. The distance falls at the low end. */
 typedef struct {
     float way_x[CR_LANES], way_y[CR_LANES], way_z[CR_LANES]; /* tool frame */
+    float drop[CR_LANES]; /* how far the piece is behind its plane at the end of that way, m */
     float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES];
     float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
     cr_lanes3 low_gradient, high_gradient; /* world frame */
@@ -41,9 +42,9 @@ float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_clust
 
 /* Purpose  where the pieces of surface of some samples of a cluster come nearest.
  * Shapes   place: of the samples, world frame; at: what was looked up there; lines: theirs.   Result  bits of those whose piece was looked at.
- * Output   bits of those that come nearer elsewhere, and their place and normal. */
-uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, const cr_lookup *at,
-                           cr_couple_lines *lines, cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
+ * Output   bits of those that come nearer elsewhere, and their place, what was looked up there, and normal. */
+uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
+                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
 
 /* The walls that a sample must stay before at once: those that meet concavely where it is. */
 typedef struct {

@@ -98,10 +98,6 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
         return clear_m;
     }
     const uint32_t moved = cr_couple_nearest(v, c, &at, &lines, &world, &nearer, &normal);
-    if (nearer != 0u) {
-        cr_field_look_up_lanes(v->field, &world, used, &at);
-        v->lookups++;
-    }
     for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
         if (at.phi_m[i] >= v->margin_m + v->slack_m) {

@@ -13,6 +13,10 @@
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
 #define LEAN_MIN_M 1e-6f
+/* The least bend of a distance along a line, m: rounding. */
+#define BEND_LEAST_M 1e-9f
+/* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
+#define BESIDE_MIN 0.1f
 /* Times that a least between two ends is looked for. */
 #define BETWEEN_MAX 2
 
@@ -28,11 +32,41 @@ static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
 
 static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
 
+static cr_vec3 out_of(const struct cr_img_cluster *c, int i) { return v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f); }
+
 /* On a piece at a share of its line: a face that bends falls away behind its plane. Tool frame. */
 static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
     const cr_vec3 p = v3_mad(v3(c->x[i], c->y[i], c->z[i]), way_of(l, i), share);
-    const cr_vec3 out = v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f);
-    return v3_mad(p, out, -c->bow[i] * share * share);
+    return v3_mad(p, out_of(c, i), -l->drop[i] * share * share);
+}
+
+/* Where the line goes there. */
+static cr_vec3 along_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
+    return v3_mad(way_of(l, i), out_of(c, i), -2.0f * l->drop[i] * share);
+}
+
+/* And the surface's normal there. */
+static cr_vec3 out_there(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
+    const cr_vec3 w = way_of(l, i);
+    return v3_unit(v3_mad(out_of(c, i), w, 2.0f * l->drop[i] * share / v3_dot(w, w)), 0.0f);
+}
+
+/* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
+ * axis. How normals turn along the line from the samples beside it tells its bend there. */
+static float drop_of(const struct cr_img_cluster *c, int i, cr_vec3 w) {
+    const cr_vec3 out = out_of(c, i);
+    const float from = v3_dot(w, v3(c->x[i], c->y[i], c->z[i])), turned = v3_dot(w, out), long2 = v3_dot(w, w);
+    float top = 0.0f, bottom = 0.0f;
+    for (uint32_t left = c->bow[i] > 0.0f ? c->beside[i] : 0u; left != 0u;) {
+        const int j = take_lane(&left);
+        const float d = v3_dot(w, v3(c->x[j], c->y[j], c->z[j])) - from;
+        if (c->bow[j] > 0.0f) {
+            top += d * (v3_dot(w, out_of(c, j)) - turned);
+            bottom += d * d;
+        }
+    }
+    const float least = BESIDE_MIN * c->ramp[i];
+    return bottom > least * least * long2 ? clamp_f(0.5f * long2 * top / bottom, 0.0f, c->bow[i]) : c->bow[i];
 }
 
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
@@ -77,6 +111,7 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
             l->way_x[i] *= scale;
             l->way_y[i] *= scale;
             l->way_z[i] *= scale;
+            l->drop[i] = drop_of(c, i, way_of(l, i));
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
             put_place(&l->low_gradient, i, gradient_of(at, i));
@@ -96,86 +131,116 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
     v->lookups++;
 }
 
-/* Where two tangents of a line's distances meet: exact where a face comes to lie over an edge. */
-static float meet_tangents(const cr_couple_lines *l, int i) {
-    const float steps = l->high[i] - l->low[i], less = l->low_slope[i] - l->high_slope[i];
-    const float t = (l->high_phi[i] - l->low_phi[i] - l->high_slope[i] * steps) / less;
-    return t > 0.0f && t < steps ? l->low[i] + t : l->low[i] + 0.5f * steps;
+/* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
+ * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
+static float find_least(const cr_couple_lines *l, int i) {
+    const float steps = l->high[i] - l->low[i];
+    const float bend = 2.0f * higher_f(l->drop[i], BEND_LEAST_M);
+    const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
+    const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
+    const float meet = less < -BEND_LEAST_M ? clamp_f(rest / less, 0.0f, steps) : 0.5f * steps;
+    const float low = -l->low_slope[i] / bend, high = steps - l->high_slope[i] / bend;
+    const float t = lower_f(low, higher_f(meet, high));
+    return l->low[i] + (t > 0.0f && t < steps ? t : 0.5f * steps);
 }
 
-/* The normal at a least between two ends: of all directions between their gradients the one that does not lean along the line. Where two edges cross it is at right
- * angles to both; either gradient less its part along the line is not. */
-static cr_vec3 level_between(const cr_couple_lines *l, int i, cr_vec3 there) {
-    const cr_vec3 low = lane_of(&l->low_gradient, i), high = lane_of(&l->high_gradient, i);
-    const cr_vec3 n = v3_mad(v3_scale(low, l->high_slope[i]), high, -l->low_slope[i]);
-    const float size = l->high_slope[i] - l->low_slope[i];
-    return v3_norm(n) > GRADIENT_MIN * size ? v3_unit(n, 0.0f) : there;
+/* Of all directions between two the one nearest to a third: how much of each. */
+static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
+    const float c = v3_dot(n[0], n[1]), a = v3_dot(n[0], to), b = v3_dot(n[1], to);
+    share[0] = higher_f(0.0f, a - c * b);
+    share[1] = higher_f(0.0f, b - c * a);
 }
 
-/* Where a lane's piece is nearer. */
-static void take_found(const cr_lookup *at, int i, cr_vec3 n, float *phi_m, cr_lanes3 *normal) {
-    phi_m[i] = at->phi_m[i];
-    put_place(normal, i, n);
+/* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
+ * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. World frame. */
+static cr_vec3 level_between(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
+                             float at, cr_vec3 there) {
+    const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
+    float share[2];
+    if (has_lane(c->crease_mask, i)) {
+        const cr_vec3 way = xform_rotate(&v->pose, way_of(l, i));
+        share[0] = higher_f(0.0f, v3_dot(n[1], way));
+        share[1] = higher_f(0.0f, -v3_dot(n[0], way));
+    } else {
+        share_between(n, xform_rotate(&v->pose, v3_scale(out_there(c, l, i, at), -1.0f)), share);
+    }
+    const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
+    return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
 }
 
-static float slope_of(const cr_couple_view *v, const cr_couple_lines *l, const cr_lookup *at, int i) {
-    return v3_dot(gradient_of(at, i), xform_rotate(&v->pose, way_of(l, i)));
+/* A bit of one set of lanes as it is in another. */
+static uint32_t with_lane(uint32_t lanes, uint32_t from, int i) { return (lanes & ~(1u << i)) | (from & (1u << i)); }
+
+/* A piece is nearer elsewhere: what was looked up there stands for its sample. */
+static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr_lookup *at, cr_lanes3 *place) {
+    at->phi_m[i] = there->phi_m[i];
+    at->gx[i] = there->gx[i];
+    at->gy[i] = there->gy[i];
+    at->gz[i] = there->gz[i];
+    at->ux[i] = there->ux[i];
+    at->uy[i] = there->uy[i];
+    at->uz[i] = there->uz[i];
+    at->entry[i] = there->entry[i];
+    at->facet[i] = there->facet[i];
+    at->kind[i] = there->kind[i];
+    at->on_planes = with_lane(at->on_planes, there->on_planes, i);
+    at->from_facet = with_lane(at->from_facet, there->from_facet, i);
+    at->bent = with_lane(at->bent, there->bent, i);
+    put_place(place, i, lane_of(found, i));
 }
 
-uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, cr_couple_lines *l,
+static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
+                      cr_vec3 gradient, float share) {
+    return v3_dot(xform_unrotate(&v->pose, gradient), along_piece(c, l, i, share));
+}
+
+/* Whether a place sees flat faces only, that may meet convexly. */
+static int is_flat(const cr_couple_view *v, const cr_lookup *at, int i) {
+    const uint32_t kind = v->field->scene->kinds[cr_field_kind(v->field, at, i)].kind;
+    return kind == (uint32_t)CR_KIND_PLANAR || kind == (uint32_t)CR_KIND_CONVEX;
+}
+
+/* What was found at a share of a line becomes one of its ends. */
+static void put_end(cr_couple_lines *l, int i, int high, float share, float phi_m, float slope, cr_vec3 gradient) {
+    (high ? l->high : l->low)[i] = share;
+    (high ? l->high_phi : l->low_phi)[i] = phi_m;
+    (high ? l->high_slope : l->low_slope)[i] = slope;
+    put_place(high ? &l->high_gradient : &l->low_gradient, i, gradient);
+}
+
+uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
     cr_lanes3 found;
-    float share[CR_LANES], phi_m[CR_LANES];
+    float share[CR_LANES];
     const uint32_t leaning = begin_lines(v, c, at, l);
-    uint32_t between = 0u;
+    uint32_t asked = leaning;
     *nearer = 0u;
-    if (leaning == 0u) {
-        return 0u;
-    }
-    for (int i = 0; i < CR_LANES; i++) {
-        share[i] = 1.0f;
-    }
-    look_up_at(v, c, l, leaning, share, &found, &there);
-    for (uint32_t left = leaning; left != 0u;) {
-        const int i = take_lane(&left);
-        const float slope = slope_of(v, l, &there, i);
-        phi_m[i] = at->phi_m[i];
-        /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-         * be the end itself, and there it falls no steeper than it bends. */
-        if (has_lane(c->crease_mask, i) && there.phi_m[i] < phi_m[i] && -slope < BEND_MAX * v3_norm(way_of(l, i))) {
-            take_found(&there, i, gradient_of(&there, i), phi_m, normal);
-            put_place(place, i, lane_of(&found, i));
-            *nearer |= 1u << i;
-        }
-        l->high[i] = 1.0f;
-        l->high_phi[i] = there.phi_m[i];
-        l->high_slope[i] = slope;
-        put_place(&l->high_gradient, i, gradient_of(&there, i));
-        between |= (uint32_t)(slope > 0.0f) << i;
-    }
-    for (int tries = 0; tries < BETWEEN_MAX && between != 0u; tries++) {
-        for (uint32_t left = between; left != 0u;) {
+    for (int tries = 0; tries <= BETWEEN_MAX && asked != 0u; tries++) {
+        uint32_t between = 0u;
+        for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = meet_tangents(l, i);
+            share[i] = tries == 0 ? 1.0f : find_least(l, i);
         }
-        look_up_at(v, c, l, between, share, &found, &there);
-        for (uint32_t left = between; left != 0u;) {
+        look_up_at(v, c, l, asked, share, &found, &there);
+        for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            const float slope = slope_of(v, l, &there, i);
-            float *end = slope > 0.0f ? l->high : l->low;
-            float *end_phi = slope > 0.0f ? l->high_phi : l->low_phi;
-            float *end_slope = slope > 0.0f ? l->high_slope : l->low_slope;
-            end[i] = share[i];
-            end_phi[i] = there.phi_m[i];
-            end_slope[i] = slope;
-            put_place(slope > 0.0f ? &l->high_gradient : &l->low_gradient, i, gradient_of(&there, i));
-            if (there.phi_m[i] < phi_m[i]) {
-                take_found(&there, i, level_between(l, i, gradient_of(&there, i)), phi_m, normal);
-                put_place(place, i, lane_of(&found, i));
+            const cr_vec3 n = gradient_of(&there, i);
+            const float slope = slope_of(v, c, l, i, n, share[i]);
+            /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
+             * be the end itself, and there it falls no steeper than it bends. */
+            const int counts = tries > 0 || (has_lane(c->crease_mask, i) && -slope < BEND_MAX * v3_norm(way_of(l, i)));
+            /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
+            const int bent = slope > 0.0f && (slope_of(v, c, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
+            put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
+            between |= (uint32_t)(tries > 0 || bent) << i;
+            if (counts && there.phi_m[i] < at->phi_m[i]) {
+                take_found(&there, &found, i, at, place);
+                put_place(normal, i, tries == 0 ? n : level_between(v, c, l, i, share[i], n));
                 *nearer |= 1u << i;
             }
         }
+        asked = between;
     }
     return leaning;
 }

@@ -15,6 +15,8 @@
 #define VOXEL_M 2e-3
 #define PERIOD_S 1e-3f
 #define INSIDE_MAX 2e-5
+#define BALL_M 10e-3
+#define BALL_OFF_MAX 25e-5 /* in a tick, where a sample passes the edge */
 #define STROKES 60
 #define PI 3.14159265358979323846
 
@@ -193,6 +195,45 @@ static void edges_that_cross_push_at_right_angles_to_both(void **state) {
             assert_true(fabs((double)f.y) <= 2e-3 * force + 2e-3 && fabs(leans) <= 2e-3 * force + 2e-3);
         }
     }
+}
+
+/* Round an edge of the block, its middle a way below where the ball would touch: down on the top, round the edge, down the side. */
+static void way_round_edge(double at, double deep_m, double *x, double *z) {
+    const double r = BALL_M - deep_m, a = 0.5 * PI * fmin(1.0, fmax(0.0, at));
+    *x = r * sin(a) + fmin(0.0, at) * HALF_M;
+    *z = r * cos(a) - fmax(0.0, at - 1.0) * HALF_M;
+}
+
+/* Without friction it rests nowhere: what is felt is the way out to the block with a round of the ball's radius. */
+static void ball_slides_round_an_edge(void **state) {
+    (void)state;
+    const crt_solid e = crt_box(-40e-3, 0.0, 40e-3, -40e-3, 0.0);
+    const double deep[] = {1e-3, 1.5e-3, 3e-3};
+    crt_tool ball = crt_tool_new(1e-3);
+    crt_rig rig;
+    crt_add_ball(&ball, BALL_M);
+    crt_open(&rig, &e, &ball, 1e-3, NULL);
+    for (int k = 0; k < 12; k++) {
+        const cr_quat rot = crt_turn(0.3, 0.5, 0.8, 0.3 + 0.45 * (k % 4));
+        const double deep_m = deep[k / 4];
+        double sum = 0.0;
+        begin(0.0f);
+        for (int i = -50; i <= 900; i++) {
+            double x, z;
+            way_round_edge((fmax(0, i) - 300) / 300.0, i < 0 ? -1e-3 - 1e-5 * i : deep_m * fmin(1.0, i / 100.0), &x,
+                           &z);
+            tick(&rig, turned(x, 0.0, z, rot));
+            const double over = fmax(0.0, x), up = fmax(0.0, z), far = sqrt(over * over + up * up);
+            const double want_N = 2000.0 * fmax(0.0, BALL_M - far) / far;
+            const double off_N =
+                hypot((double)out.force_world_N.x - want_N * over, (double)out.force_world_N.z - want_N * up);
+            assert_true(off_N < 2000.0 * BALL_OFF_MAX);
+            sum += off_N * off_N / 951.0;
+        }
+        assert_true(sqrt(sum) < 2000.0 * INSIDE_MAX);
+    }
+    crt_close(&rig);
+    crt_tool_free(&ball);
 }
 
 static void room_holds_a_cube_in_its_corner(void **state) {
@@ -461,6 +502,7 @@ int main(void) {
         cmocka_unit_test(edge_holds_a_cube_that_turns_over_it),
         cmocka_unit_test(edge_between_samples_is_felt_where_it_touches),
         cmocka_unit_test(edges_that_cross_push_at_right_angles_to_both),
+        cmocka_unit_test(ball_slides_round_an_edge),
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
         cmocka_unit_test(point_in_a_groove_and_in_a_corner_is_held_by_all_walls),
