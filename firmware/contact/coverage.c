@@ -71,16 +71,17 @@ static float cover_looked_up(const cr_planes *p, const struct cr_img_cluster *c,
     return p->sign < 0.0f ? 1.0f - share : share;
 }
 
-void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c, const cr_lookup *at,
-              float *coverage) {
+uint32_t cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct cr_img_cluster *c,
+                  const cr_lookup *at, float *coverage) {
     if (mode == CR_COVERAGE_HARD) {
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = at->phi_m[i] <= 0.0f ? 1.0f : 0.0f;
         }
-        return;
+        return 0u;
     }
     cover_by_slope(pose, c, at, coverage);
     cr_planes planes;
+    uint32_t count = 0u;
     planes.kind = planes.count = 0u;
     planes.sign = 1.0f;
     for (uint32_t over = at->from_facet & first_lanes(c->count); over != 0u;) {
@@ -90,9 +91,12 @@ void cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const struct 
         }
         if (at->kind[i] != planes.kind) {
             cr_planes_turn(s, pose, at->kind[i], &planes);
+            count += planes.count;
         }
+        count += planes.count;
         coverage[i] = cover_looked_up(&planes, c, at, i);
     }
+    return count;
 }
 
 void cr_sum_cluster(const struct cr_img_cluster *c, const float *w, struct cr_img_sum *sum) {

@@ -28,40 +28,10 @@
 #define LANES_OF_WORK 4u
 #define EXITS_OF_WORK 8u
 #define HALVES_OF_WORK 2u
-/* In parts of a unit: a side of a surface that has zones, and each of these that its lanes are of. */
+/* In parts of a unit: a side of a surface that has zones, and each of these that its lanes are of; a plane of those that bound a half-space at some lanes. */
 #define PARTS_OF_SIDE 96u
 #define PARTS_OF_ZONE 128u
-
-/* How far along the normal each of some lanes has to go until it is outside: steps as long as the distance. */
-static void march(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_vec3 way, float most_m,
-                  float *gone_m) {
-    const cr_vec3 to = xform_rotate(s->in->world_from_tool, way);
-    CR_ASSERT(v3_is_unit_or_zero(way)); /* each step is as long as the distance */
-    cr_lanes3 *place = &s->scratch->march_world, *from = &s->scratch->march_from;
-    cr_lookup *found = &s->scratch->march;
-    cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, from);
-    for (int i = 0; i < CR_LANES; i++) {
-        gone_m[i] = 0.0f;
-    }
-    for (int step = 0; step < MARCH_STEPS && lanes != 0u; step++) {
-        for (int i = 0; i < CR_LANES; i++) {
-            place->x[i] = from->x[i] + to.x * gone_m[i];
-            place->y[i] = from->y[i] + to.y * gone_m[i];
-            place->z[i] = from->z[i] + to.z * gone_m[i];
-        }
-        cr_field_look_up_lanes(s->in->field, place, lanes, found);
-        s->work->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * count_lanes(found->on_planes);
-        for (uint32_t left = lanes; left != 0u;) {
-            const int i = take_lane(&left);
-            if (found->phi_m[i] < -MARCH_END * c->ramp[i]) {
-                gone_m[i] -= found->phi_m[i];
-            } else {
-                lanes &= ~(1u << i);
-            }
-            lanes &= gone_m[i] < most_m ? 0xffffffffu : ~(1u << i);
-        }
-    }
-}
+#define PARTS_OF_ROW 8u
 
 /* Is a plane among those that are known at some lanes? */
 static int is_known(const cr_way_spots *at, uint32_t facet) {
@@ -86,10 +56,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
         const struct cr_img_cluster *c = at->c;
         float *height = e->height_m[e->count], *steep = e->leaves[e->count];
         CR_ASSERT(e->count < CR_WAY_EXITS_MAX);
-        for (int i = 0; i < CR_LANES; i++) {
-            if (CR_SCALAR && !has_lane(lanes, i)) {
-                continue;
-            }
+        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             const float h = height_above(c, i, q->normal, q->offset_m);
             height[i] = h;
             steep[i] = h < 0.0f || q->sure != 0u ? leaves : NO_PLANE;
@@ -106,30 +73,17 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
         const float leaves = p->curved ? 0.0f : v3_dot(p->normal, half->normal);
         e->normal[k] = p->normal;
         e->curved[k] = p->curved;
-        for (int i = 0; i < CR_LANES; i++) {
-            if (CR_SCALAR && !has_lane(lanes, i)) {
-                continue;
-            }
+        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             e->height_m[k][i] = p->height_m[i];
             e->leaves[k][i] = p->curved ? v3_dot(lane_of(at->normal, i), half->normal) : leaves;
         }
     }
 }
 
-/* Of each lane: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the steepest exit is, and
- * whether but one exit can be the first. */
-typedef struct {
-    float middle_m[CR_LANES], most_m[CR_LANES], steep[CR_LANES];
-    uint32_t plain;
-} ways;
-
 static void find_reach(const cr_way_spots *at, uint32_t lanes, const cr_way_rows *e, uint32_t k, float *reach_m) {
     const struct cr_img_cluster *c = at->c;
     const cr_lanes3 *normal = at->normal;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(lanes, i)) {
-            continue;
-        }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         reach_m[i] = cr_way_half_width(c, i, e->curved[k] ? lane_of(normal, i) : e->normal[k]);
     }
 }
@@ -137,10 +91,7 @@ static void find_reach(const cr_way_spots *at, uint32_t lanes, const cr_way_rows
 /* How deep below the plane that they are inside of the pieces of the lanes reach. */
 static void find_deep(cr_way_spots *at) {
     const cr_way_known *own = &at->planes[0];
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(at->lanes, i)) {
-            continue;
-        }
+    for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
         const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
         at->deep_m[i] = at->count > 0u ? cr_way_half_width(at->c, i, n) - own->height_m[i] : NEVER_M;
     }
@@ -151,10 +102,7 @@ static uint32_t find_longer(const cr_way_spots *at, uint32_t lanes, const float 
     const cr_way_known *own = &at->planes[0];
     const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
     uint32_t longer = 0u;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(lanes, i)) {
-            continue;
-        }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float leaves = own->curved ? v3_dot(lane_of(at->normal, i), half->normal) : flat_leaves;
         /* deep / leaves or far, without a division */
         const int by_own =
@@ -165,7 +113,7 @@ static uint32_t find_longer(const cr_way_spots *at, uint32_t lanes, const float 
     return longer & lanes;
 }
 
-static void find_ways(const cr_way_spots *at, uint32_t lanes, const cr_way_rows *e, float trusted, ways *w) {
+static void find_ways(const cr_way_spots *at, uint32_t lanes, const cr_way_rows *e, float trusted, cr_way_ways *w) {
     const struct cr_img_cluster *c = at->c;
     float first[CR_LANES], second[CR_LANES]; /* the two least that exits may be anywhere on a piece */
     for (int i = 0; i < CR_LANES; i++) {
@@ -175,10 +123,7 @@ static void find_ways(const cr_way_spots *at, uint32_t lanes, const cr_way_rows 
     for (uint32_t k = 0; k < e->count; k++) {
         float reach[CR_LANES];
         find_reach(at, lanes, e, k, reach);
-        for (int i = 0; i < CR_LANES; i++) {
-            if (CR_SCALAR && !has_lane(lanes, i)) {
-                continue;
-            }
+        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             const float leaves = e->leaves[k][i], h = e->height_m[k][i];
             const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
             const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
@@ -191,10 +136,7 @@ static void find_ways(const cr_way_spots *at, uint32_t lanes, const cr_way_rows 
         }
     }
     w->plain = 0u;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(lanes, i)) {
-            continue;
-        }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= trusted)) << i;
     }
     w->plain &= ~(uint32_t)c->crease_mask;
@@ -209,33 +151,105 @@ static float sure_of(const cr_way_half *half, float steep) {
 }
 
 /* One lane in full: anywhere on its piece; where the normal hardly leaves through the planes by what a march found. */
-static float way_of_lane(const cr_way_spots *at, const cr_way_half *half, const cr_way_rows *e, int i, float steep,
-                         const float *gone_m) {
+static float way_of_lane(const cr_way_scratch *scratch, int i) {
+    const cr_way_rest *r = &scratch->rest;
+    const cr_way_rows *e = &scratch->rows;
     cr_way_exits exits;
     exits.count = 0u;
     for (uint32_t k = 0; k < e->count; k++) {
         if (e->leaves[k][i] > NO_PLANE) {
-            exits.normal[exits.count] = e->curved[k] ? lane_of(at->normal, i) : e->normal[k];
+            exits.normal[exits.count] = e->curved[k] ? lane_of(&scratch->normal, i) : e->normal[k];
             exits.height_m[exits.count] = e->height_m[k][i];
             exits.leaves[exits.count++] = e->leaves[k][i];
         }
     }
-    const float most_m = FAR_MAX * half->deep_m + at->c->ramp[i],
-                way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(at->c, i, &exits)) : most_m;
-    const float sure = sure_of(half, steep);
-    return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(gone_m[i], way_m) : way_m;
+    const float most_m = FAR_MAX * r->half->deep_m + r->c->ramp[i],
+                way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits)) : most_m;
+    const float sure = sure_of(r->half, scratch->ways.steep[i]);
+    return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(r->gone_m[i], way_m) : way_m;
+}
+
+/* The same of one that leaves through planes alone, which are the exits of all lanes. */
+static float way_by_planes(cr_way_rest *r, int i) {
+    for (uint32_t k = 0; k < r->exits.count; k++) {
+        r->exits.height_m[k] = r->height_m[k][i];
+    }
+    return min_f(FAR_MAX * r->half->deep_m + r->c->ramp[i], cr_way_longest(r->c, i, &r->exits));
+}
+
+/* One step of a march: how far along the normal each of some lanes has to go until it is outside, in steps as long as the distance. */
+static void march(const cr_way_survey *s) {
+    cr_way_rest *r = &s->scratch->rest;
+    const cr_vec3 to = xform_rotate(s->in->world_from_tool, r->half->normal);
+    CR_ASSERT(v3_is_unit_or_zero(r->half->normal)); /* each step is as long as the distance */
+    cr_lanes3 *place = &s->scratch->march_world;
+    const cr_lanes3 *from = &s->scratch->march_from;
+    cr_lookup *found = &s->scratch->march;
+    for (int i = 0; i < CR_LANES; i++) {
+        place->x[i] = from->x[i] + to.x * r->gone_m[i];
+        place->y[i] = from->y[i] + to.y * r->gone_m[i];
+        place->z[i] = from->z[i] + to.z * r->gone_m[i];
+    }
+    cr_field_look_up_lanes(s->in->field, place, r->marching, found);
+    s->work->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * found->planes;
+    for (uint32_t left = r->marching; left != 0u;) {
+        const int i = take_lane(&left);
+        const int inside = found->phi_m[i] < -MARCH_END * r->c->ramp[i];
+        r->gone_m[i] -= inside ? found->phi_m[i] : 0.0f;
+        r->marching &= inside && r->gone_m[i] < r->most_m ? 0xffffffffu : ~(1u << i);
+    }
+    r->steps++;
+    r->marching = r->steps < MARCH_STEPS ? r->marching : 0u;
+}
+
+void cr_way_go_on(const cr_way_survey *s) {
+    cr_way_work *w = s->work;
+    cr_way_rest *r = &s->scratch->rest;
+    CR_ASSERT(w->left != 0u && (r->marching & ~w->left) == 0u);
+    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : s->scratch->rows.count + 2u;
+    while (w->left != 0u && !cr_way_waits(s)) {
+        if (r->marching != 0u) {
+            march(s);
+            continue;
+        }
+        const int i = take_lane(&w->left);
+        const float way_m = planes > 0u ? way_by_planes(r, i) : way_of_lane(s->scratch, i);
+        r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
+        w->spent += exits * (CR_WORK_PARTS / EXITS_OF_WORK);
+    }
+}
+
+/* Lanes wait for all of their exits; those that no plane leads out of steeply enough march first. */
+static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, uint32_t marching,
+                     cr_way_half *half, float most_m) {
+    cr_way_rest *r = &s->scratch->rest;
+    r->c = at->c;
+    r->half = half;
+    r->most_m = most_m;
+    r->marching = marching;
+    r->steps = 0u;
+    if (marching != 0u) {
+        for (int i = 0; i < CR_LANES; i++) {
+            r->gone_m[i] = 0.0f;
+        }
+        cr_lanes_to_world(s->in->world_from_tool, at->c->x, at->c->y, at->c->z, &s->scratch->march_from);
+    }
+    s->work->left = lanes;
+    cr_way_go_on(s);
 }
 
 /* Some flat planes and no other bound what the lanes leave, and one of them steeply enough: the exits, but for the heights of a lane. */
-static int exits_of_planes(const cr_way_spots *at, const cr_way_half *half, cr_way_exits *out) {
+static int exits_of_planes(const cr_way_spots *at, const cr_way_half *half, cr_way_rest *r) {
     float steep = 0.0f;
     for (uint32_t b = 0; b < half->bound_count; b++) {
         if (!is_known(at, half->bounds[b].facet)) {
             return 0;
         }
     }
+    cr_way_exits *out = &r->exits;
     out->count = at->count;
     for (uint32_t k = 0; k < at->count; k++) {
+        r->height_m[k] = at->planes[k].height_m;
         out->normal[k] = at->planes[k].normal;
         out->leaves[k] = v3_dot(at->planes[k].normal, half->normal);
         steep = max_f(steep, out->leaves[k]);
@@ -243,66 +257,41 @@ static int exits_of_planes(const cr_way_spots *at, const cr_way_half *half, cr_w
     return at->count > 1u && half->curved_m3 <= 0.0f && steep >= STEEP;
 }
 
-/* Lanes count by the exits through planes alone. */
-static void count_by_planes(const cr_way_spots *at, uint32_t lanes, const float *part, cr_way_exits *e,
-                            cr_way_half *half) {
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        for (uint32_t k = 0; k < e->count; k++) {
-            e->height_m[k] = at->planes[k].height_m[i];
-        }
-        const float way_m = min_f(FAR_MAX * half->deep_m + at->c->ramp[i], cr_way_longest(at->c, i, e));
-        half->depth_m = max_f(half->depth_m, part[i] * way_m);
-    }
-}
-
-/* Lanes count for a half-space by their exits, each by its part. */
+/* Lanes count for a half-space by their exits, each by its part: that in scratch, where what waits finds it. */
 static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, const float *part,
                       cr_way_half *half) {
     cr_way_rows *e = &s->scratch->rows;
-    cr_way_exits exits;
-    ways w;
-    float gone[CR_LANES], most = 0.0f;
+    cr_way_ways *w = &s->scratch->ways;
+    float most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
     const uint32_t count = count_lanes(lanes);
     if (lanes == 0u) {
         return;
     }
-    if (exits_of_planes(at, half, &exits)) {
-        s->work->spent += count * exits.count * (CR_WORK_PARTS / EXITS_OF_WORK);
-        count_by_planes(at, lanes, part, &exits, half);
+    if (exits_of_planes(at, half, &s->scratch->rest)) {
+        wait_for(s, at, lanes, 0u, half, 0.0f);
         return;
     }
+    s->scratch->rest.exits.count = 0u;
     find_own(half, at, lanes, e);
     add_bounds(half, at, lanes, e);
-    find_ways(at, lanes, e, trusted, &w);
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(lanes, i)) {
-            continue;
-        }
+    find_ways(at, lanes, e, trusted, w);
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
-        const float way = part[i] * lower_f(far, higher_f(0.0f, w.middle_m[i]));
-        half->depth_m = ((lanes & w.plain) >> i) & 1u ? higher_f(half->depth_m, way) : half->depth_m;
+        const float way = part[i] * lower_f(far, higher_f(0.0f, w->middle_m[i]));
+        half->depth_m = ((lanes & w->plain) >> i) & 1u ? higher_f(half->depth_m, way) : half->depth_m;
     }
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(lanes, i)) {
-            continue;
-        }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
         most = ((lanes >> i) & 1u) != 0u ? higher_f(most, far) : most;
-        left |= (uint32_t)(part[i] * lower_f(far, w.most_m[i]) > half->depth_m) << i;
-        steep |= (uint32_t)(w.steep[i] >= trusted) << i;
+        left |= (uint32_t)(part[i] * lower_f(far, w->most_m[i]) > half->depth_m) << i;
+        steep |= (uint32_t)(w->steep[i] >= trusted) << i;
     }
-    left &= lanes & ~w.plain;
-    s->work->spent +=
-        count * (CR_WORK_PARTS / LANES_OF_WORK) + count_lanes(left) * (e->count + 2u) * (CR_WORK_PARTS / EXITS_OF_WORK);
-    if ((left & ~steep) != 0u) {
-        march(s, at->c, left & ~steep, half->normal, most, gone);
-    }
-    while (left != 0u) {
-        const int i = take_lane(&left);
-        half->depth_m = max_f(half->depth_m, part[i] * way_of_lane(at, half, e, i, w.steep[i], gone));
+    left &= lanes & ~w->plain;
+    s->work->spent += count * (CR_WORK_PARTS / LANES_OF_WORK) + PARTS_OF_ROW * e->count;
+    if (left != 0u) {
+        wait_for(s, at, left, left & ~steep, half, most);
     }
 }
 
@@ -334,11 +323,11 @@ static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32
     for (uint32_t b = 0; b < s->zones->count; b++) {
         const float most = b == z ? r->lead[z] : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
         cr_way_half *half = &s->half[r->half_of[b]];
-        float share[CR_LANES];
+        float *share = s->scratch->rest.part;
         if (!(most > 0.0f && is_next(s))) {
             continue;
         }
-        for (int i = 0; i < CR_LANES; i++) {
+        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             share[i] = part[i] * most;
         }
         const uint32_t longer = find_longer(at, lanes, share, half);

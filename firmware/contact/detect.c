@@ -20,8 +20,8 @@
 #define WORK_INSIDE_CELLS 2u
 /* And of lanes in cells where planes meet one in so many. */
 #define MEETING_OF_WORK 2u
-/* In parts of a unit: of a lane that planes cut, each of them. */
-#define PARTS_OF_CUT 6u
+/* In parts of a unit: a group of the tree that is entered. */
+#define PARTS_OF_GROUP 24u
 
 static void forget(cr_motion *m) {
     m->slide_m = m->slide_lost_m = 0.0f;
@@ -75,7 +75,7 @@ typedef struct {
 
 static void look_up(const walk *w, const cr_lanes3 *world, uint32_t lanes, cr_lookup *out) {
     cr_field_look_up_lanes(w->field, world, lanes, out);
-    w->search->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * count_lanes(out->on_planes);
+    w->search->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * out->planes;
 }
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
@@ -156,12 +156,24 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += count_lanes(l->inside);
-    cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
-    w->search->spent +=
-        (w->set->way.layers.parts +
-         (l->at == NULL ? 0u
-                        : WORK_INSIDE_CELLS * CR_WORK_PARTS +
-                              CR_WORK_PARTS / MEETING_OF_WORK * count_lanes(l->covered & l->at->on_planes)));
+    w->search->adding = (uint32_t)!cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
+    w->search->spent += w->set->way.layers.parts + (l->at == NULL ? 0u : WORK_INSIDE_CELLS * CR_WORK_PARTS);
+}
+
+/* More of what the last hit is inside of. */
+static void add_next(walk *w) {
+    cr_descent *s = w->search;
+    const cr_in_hand *in = &s->in_hand;
+    const uint32_t hit = w->set->hit_count - 1u, cluster = w->set->hits[hit].cluster;
+    cr_way_layers *l = &w->set->way.layers;
+    const cr_looked looked = {.cluster = cluster,
+                              .c = &w->scene->clusters[cluster],
+                              .world = &in->world,
+                              .at = &in->at,
+                              .coverage = in->coverage};
+    const uint32_t cells = l->left & in->at.on_planes;
+    s->adding = (uint32_t)!cr_way_add_more(w->field, w->pose, w->set, hit, &looked);
+    s->spent += l->parts + CR_WORK_PARTS / MEETING_OF_WORK * count_lanes(cells & ~l->left);
 }
 
 /* Lanes whose piece may be inside where its middle is not: creases that come near, and covered faces. */
@@ -172,26 +184,26 @@ static uint32_t find_near(const struct cr_img_cluster *c, uint32_t reached, uint
 static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
-    cr_lanes3 world;
-    cr_lookup at;
-    float coverage[CR_LANES];
-    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &world);
-    cr_field_look_up(w->field, &world, &at);
-    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * count_lanes(at.on_planes);
-    cr_cover(w->scene, w->pose, w->options->coverage, c, &at, coverage);
+    cr_in_hand *in = &w->search->in_hand;
+    const cr_lookup *at = &in->at;
+    const float *coverage = in->coverage;
+    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
+    cr_field_look_up(w->field, &in->world, &in->at);
+    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * at->planes;
+    w->search->spent += CR_PARTS_OF_CUT * cr_cover(w->scene, w->pose, w->options->coverage, c, at, in->coverage);
     uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u;
     for (int i = 0; i < CR_LANES; i++) {
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
-        outside |= (uint32_t)(at.phi_m[i] > 0.0f) << i;
-        near |= (uint32_t)(at.phi_m[i] < c->reach[i]) << i;
+        outside |= (uint32_t)(at->phi_m[i] > 0.0f) << i;
+        near |= (uint32_t)(at->phi_m[i] < c->reach[i]) << i;
     }
     covered &= used;
     if (covered == 0u) {
-        return max_f(0.0f, smallest_clearance(c, at.phi_m, w->slack_out_m));
+        return max_f(0.0f, smallest_clearance(c, at->phi_m, w->slack_out_m));
     }
     near = find_near(c, near, covered, ~outside);
-    const cr_looked l = {cluster, c, &world, &at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
+    const cr_looked l = {cluster, c, &in->world, at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
     take_points(w, &l, b, lane);
     return 0.0f;
 }
@@ -249,7 +261,7 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     for (uint32_t left = h.cut & used; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;
-        w->search->spent += PARTS_OF_CUT * p->count;
+        w->search->spent += CR_PARTS_OF_CUT * p->count;
         coverage[i] = cover_cut_lane(w, c, p, &h, i, &phi_m);
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
@@ -278,6 +290,7 @@ static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     }
     if (w->planes->kind != kind) {
         cr_planes_turn(w->scene, w->pose, kind, w->planes);
+        w->search->spent += CR_PARTS_OF_CUT * w->planes->count;
     }
     return measure_points(w, f, b, lane);
 }
@@ -389,6 +402,7 @@ static void enter_group(walk *w, uint32_t group) {
     const struct cr_img_group *g = &w->scene->groups[group];
     cr_search_level *level = &w->search->stack[w->search->depth++];
     const uint32_t lanes = find_awake(w, g, group);
+    w->search->spent += PARTS_OF_GROUP;
     level->group = group;
     level->lanes = g->leaf ? lanes : find_open(w, group, lanes);
 }
@@ -415,7 +429,9 @@ static void descend(walk *w) {
 static int walk_on(walk *w) {
     cr_descent *s = w->search;
     while (s->spent / CR_WORK_PARTS < w->options->lookups_max) {
-        if (s->looked_up > 0u) {
+        if (s->adding != 0u) {
+            add_next(w);
+        } else if (s->looked_up > 0u) {
             visit_next(w);
         } else if (s->waiting == CR_LANES || (s->depth == 0u && s->waiting > 0u)) {
             look_up_waiting(w);
@@ -425,7 +441,7 @@ static int walk_on(walk *w) {
             return 1;
         }
     }
-    return s->depth == 0u && s->waiting == 0u;
+    return s->depth == 0u && s->waiting == 0u && s->adding == 0u;
 }
 
 static int tool_is_free(walk *w) {
@@ -456,11 +472,13 @@ static int tool_is_free(walk *w) {
 /* The pose of this search has become too old: what was not seen is left out. */
 static void give_up(walk *w) {
     cr_descent *s = w->search;
-    w->stats->clusters_dropped += s->waiting - s->visited;
+    w->stats->clusters_dropped += s->waiting - s->visited + s->adding;
+    w->set->contacts -= s->adding != 0u ? count_lanes(w->set->hits[w->set->hit_count - 1u].inside) : 0u;
+    w->set->hit_count -= s->adding;
     for (uint32_t i = 0; i < s->depth; i++) {
         w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
     }
-    s->depth = s->waiting = s->looked_up = s->visited = 0u;
+    s->depth = s->waiting = s->looked_up = s->visited = s->adding = 0u;
 }
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
@@ -472,7 +490,8 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
     w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
     search->spent = 0u;
     if (!search->open) {
-        search->depth = search->waiting = search->looked_up = search->visited = search->calls = 0u;
+        search->depth = search->waiting = search->looked_up = search->visited = 0u;
+        search->adding = search->calls = 0u;
         set->hit_count = 0u;
         set->contacts = 0u;
         set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
@@ -494,6 +513,6 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         give_up(&w);
         search->open = 0u;
     }
-    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u));
+    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u && search->adding == 0u));
     return !search->open;
 }

@@ -111,6 +111,7 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
     }
     uint32_t nearest = 0u;
     cr_vec3 grad;
+    out->planes += kind->count;
     out->phi_m[lane] = sign * cr_convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
     out->from_facet |= 1u << lane;
@@ -152,7 +153,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     const cr_scene *s = f->scene;
     const struct cr_img_meta *m = s->meta;
     const float inv = f->inv_brick, quantum = m->quantum_m, slope = quantum * inv;
-    out->from_facet = out->on_planes = 0u;
+    out->from_facet = out->on_planes = out->planes = 0u;
     out->bent = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
@@ -331,7 +332,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     find_places(f, p, out, top, beyond_m);
     lane_sets sets = load_corners(f, top, lanes, out, &c);
     interpolate(f, &c, out);
-    out->from_facet = out->on_planes = 0u;
+    out->from_facet = out->on_planes = out->planes = 0u;
     out->bent = 0u;
     if (sets.far != 0u) {
         use_bounds(f, beyond_m, out);

@@ -120,12 +120,9 @@ const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c,
 static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
     static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
     const uint32_t used = first_lanes(s->clusters[set->hits[hit].cluster].count);
-    set->way.layers.count = set->way.layers.parts = 0u;
+    set->way.layers.count = set->way.layers.parts = set->way.layers.left = 0u;
     set->way.layers.near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
     set->way.layers.reach = none;
-    for (int i = 0; i < CR_LANES; i++) {
-        set->way.layers.full_m[i] = 0.0f;
-    }
     return set->hits[hit].covered & used;
 }
 
@@ -141,7 +138,15 @@ static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set
     }
 }
 
-void cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
+/* All layers of a hit are known: into the zones. */
+static int into_zones(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit) {
+    const uint32_t used = first_lanes(s->clusters[set->hits[hit].cluster].count);
+    cr_way_fade(s, set->hits[hit].covered & used, &set->way.layers);
+    add_layers(s, pose, set, hit);
+    return 1;
+}
+
+int cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
     CR_ASSERT(hit < set->hit_count && set->hits[hit].cluster == looked->cluster);
     CR_ASSERT((looked->planes == NULL) == (looked->at != NULL)); /* by one of the two */
     const uint32_t lanes = begin(f->scene, set, hit);
@@ -149,8 +154,17 @@ void cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint3
         cr_way_over_planes(f->scene, looked->c, lanes, looked->coverage, looked->planes, looked->heights,
                            &set->way.layers);
     } else {
-        cr_way_over_lookup(f, pose, looked->c, lanes, looked->coverage, looked->at, looked->world, &set->way.layers);
+        cr_way_over_lookup(f, pose, looked, lanes, &set->way.layers);
     }
-    cr_way_fade(f->scene, lanes, &set->way.layers);
-    add_layers(f->scene, pose, set, hit);
+    return set->way.layers.left == 0u && into_zones(f->scene, pose, set, hit);
+}
+
+int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
+    cr_way_layers *l = &set->way.layers;
+    l->parts = 0u;
+    if (l->left == 0u) {
+        return into_zones(f->scene, pose, set, hit);
+    }
+    cr_way_over_next(f, pose, looked, l);
+    return 0;
 }

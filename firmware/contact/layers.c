@@ -15,8 +15,9 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
-/* Work, in parts of a unit: of each plane or facet that a lane may count for, and of a cell's planes. */
-#define PARTS_OF_SHARE 12u
+/* Work, in parts of a unit: of each plane or facet that a lane may count for, and each layer that it does; of a wall that lanes are behind, beside that; of a cell's planes. */
+#define PARTS_OF_SHARE 8u
+#define PARTS_OF_WALL 80u
 #define PARTS_OF_PLANE 64u
 /* A spread of normals of which nothing follows. */
 #define NO_SPREAD 3.0f
@@ -24,6 +25,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
     CR_ASSERT(l->count <= CR_WAY_LAYERS_MAX && side <= CR_WAY_SIDES && (surface >= CR_WAY_CURVED || side == 0u));
+    l->parts += PARTS_OF_SHARE;
     for (uint32_t k = 0; k < l->count; k++) {
         if (l->layers[k].surface == surface && l->layers[k].side == side) {
             return &l->layers[k];
@@ -83,10 +85,7 @@ static void reach_to(cr_way_reach *r, cr_vec3 n, float deep_m) {
 static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
                       cr_way_reach *reach, cr_way_layer *out) {
     float deep = 0.0f;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(near, i)) {
-            continue;
-        }
+    for (int i = lane_at(near, 0); i < CR_LANES; i = lane_at(near, i + 1)) {
         const part p = part_below(c, i, n, height_m[i]);
         out->depth_m[i] = has_lane(lanes, i) ? p.depth_m : out->depth_m[i]; /* others may be known from another cell */
         out->coverage[i] = has_lane(lanes, i) ? p.share : out->coverage[i];
@@ -133,6 +132,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
 static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                               const cr_heights *h, cr_way_layers *out) {
     float height_m[CR_LANES];
+    out->parts += PARTS_OF_WALL * p->count;
     for (uint32_t k = 0; k < p->count; k++) {
         cr_way_layer *wall = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
         if (wall != NULL) {
@@ -262,10 +262,7 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
 static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *at, const cr_lanes3 *g,
                         cr_way_layers *out, cr_way_layer *layer) {
     float deep = 0.0f, apart2 = 0.0f;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(out->near, i)) {
-            continue;
-        }
+    for (int i = lane_at(out->near, 0); i < CR_LANES; i = lane_at(out->near, i + 1)) {
         const cr_vec3 n = v3(g->x[i], g->y[i], g->z[i]);
         const part p = part_below(c, i, n, at->phi_m[i]);
         const float in = (float)((lanes >> i) & 1u), near = (float)((out->near >> i) & 1u);
@@ -318,10 +315,7 @@ cr_vec3 cr_way_heights(const cr_scene *s, const xform *pose, const struct cr_img
 
 void cr_way_normals(const xform *pose, const cr_lookup *at, uint32_t lanes, cr_lanes3 *g) {
     const xform m = *pose;
-    for (int i = 0; i < CR_LANES; i++) {
-        if (CR_SCALAR && !has_lane(lanes, i)) {
-            continue;
-        }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float x = at->gx[i], y = at->gy[i], z = at->gz[i], length2 = x * x + y * y + z * z;
         const float per = length2 > 1e-6f ? 1.0f / sqrtf(length2) : 0.0f;
         g->x[i] = (m.r0.x * x + m.r1.x * y + m.r2.x * z) * per;
@@ -332,20 +326,21 @@ void cr_way_normals(const xform *pose, const cr_lookup *at, uint32_t lanes, cr_l
 
 /* What lanes in cells of several facets are deep below: these facets' planes, as far as they are near. */
 static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                      const cr_lookup *at, const cr_lanes3 *world, const cr_lanes3 *normal, cr_way_reach *out) {
+                      const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
     const cr_scene *s = f->scene;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
-        const cr_vec3 n = v3(normal->x[i], normal->y[i], normal->z[i]);
-        reach_to(out, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
+        const cr_vec3 n = lane_of(&out->normal, i);
+        reach_to(&out->reach, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
         const int far = (at->entry[i] & CR_TOP_FAR) != 0u;
         const struct cr_img_kind *kind = &s->kinds[far ? 0u : cr_field_kind(f, at, i)];
+        out->parts += PARTS_OF_SHARE * kind->count;
         for (uint32_t k = 0; k < kind->count; k++) {
             const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
             const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
             const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
             if (facet->curved == 0u && height < 0.0f) {
-                reach_to(out, m_tool, cr_way_half_width(c, i, m_tool) - height);
+                reach_to(&out->reach, m_tool, cr_way_half_width(c, i, m_tool) - height);
             }
         }
     }
@@ -361,45 +356,54 @@ uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes) {
     return same;
 }
 
-/* Lanes in cells whose planes give the distance. */
-static void fill_over_cells(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                            const float *coverage, const cr_lookup *at, cr_way_layers *out) {
+/* Lanes in one cell whose planes give the distance. */
+static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                           const float *coverage, const cr_lookup *at, cr_way_layers *out) {
     cr_planes planes;
     cr_heights heights;
+    uint32_t first = lanes;
+    cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
+    cr_planes_measure(&planes, c, &heights);
+    out->parts += PARTS_OF_PLANE * planes.count;
+    cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
+}
+
+/* Lanes in cells whose distances are not from planes. */
+static void fill_over_samples(const cr_field *f, const xform *pose, const cr_looked *l, uint32_t lanes,
+                              cr_way_layers *out) {
+    const cr_lookup *at = l->at;
+    reach_all(f, pose, l->c, out->near & ~at->on_planes, at, l->world, out);
     while (lanes != 0u) {
-        uint32_t same = cr_way_same_cell(at, lanes), first = same;
-        lanes &= ~same;
-        cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
-        cr_planes_measure(&planes, c, &heights);
-        out->parts += PARTS_OF_PLANE * planes.count;
-        cr_way_over_planes(f->scene, c, same, coverage, &planes, &heights, out);
+        const int i = take_lane(&lanes);
+        const part in = part_below(l->c, i, lane_of(&out->normal, i), at->phi_m[i]);
+        cr_way_facets on;
+        out->full_m[i] = in.depth_m;
+        cr_way_facets_of(f, at, i, lane_of(l->world, i), &on);
+        fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
+                       l->coverage[i], out);
     }
 }
 
-void cr_way_over_lookup(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                        const float *coverage, const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
-    const uint32_t surface = cr_way_common(f, at, lanes);
-    cr_way_normals(pose, at, out->near | 1u, &out->normal); /* the first is what others are compared with */
+void cr_way_over_lookup(const cr_field *f, const xform *pose, const cr_looked *l, uint32_t lanes, cr_way_layers *out) {
+    const uint32_t surface = cr_way_common(f, l->at, lanes);
+    cr_way_normals(pose, l->at, out->near | 1u, &out->normal); /* the first is what others are compared with */
     if (surface != CR_WAY_NONE) {
-        fill_common(f, pose, c, lanes, surface, at, &out->normal, out);
-        return;
+        fill_common(f, pose, l->c, lanes, surface, l->at, &out->normal, out);
+    } else {
+        out->left = lanes;
     }
-    fill_over_cells(f, pose, c, lanes & at->on_planes, coverage, at, out);
-    lanes &= ~at->on_planes;
-    if (lanes == 0u) {
-        return;
-    }
-    reach_all(f, pose, c, out->near & ~at->on_planes, at, world, &out->normal, &out->reach);
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        const cr_vec3 n = v3(out->normal.x[i], out->normal.y[i], out->normal.z[i]);
-        const cr_vec3 p = v3(world->x[i], world->y[i], world->z[i]);
-        const part in = part_below(c, i, n, at->phi_m[i]);
-        cr_way_facets on;
-        out->full_m[i] = in.depth_m;
-        cr_way_facets_of(f, at, i, p, &on);
-        fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, coverage[i]),
-                       coverage[i], out);
+}
+
+void cr_way_over_next(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
+    const uint32_t cells = out->left & l->at->on_planes;
+    CR_ASSERT(out->left != 0u);
+    if (cells != 0u) {
+        const uint32_t same = cr_way_same_cell(l->at, cells);
+        out->left &= ~same;
+        fill_over_cell(f, pose, l->c, same, l->coverage, l->at, out);
+    } else {
+        fill_over_samples(f, pose, l, out->left, out);
+        out->left = 0u;
     }
 }
 

@@ -44,8 +44,19 @@ static inline int take_lane(uint32_t *lanes) {
     return lane;
 }
 
-/* Loops over lanes leave out those not asked for where lanes cost one by one (CR_SCALAR); with vectors leaving out costs more. */
 static inline int has_lane(uint32_t lanes, int i) { return (int)((lanes >> i) & 1u); }
+
+/* Loops over lanes leave out those not asked for where lanes cost one by one (CR_SCALAR): the next of them from i on, or CR_LANES. With vectors leaving out costs
+ * more. */
+static inline int lane_at(uint32_t lanes, int i) {
+#if CR_SCALAR
+    uint32_t rest = (lanes | 1u << CR_LANES) >> i;
+    return i + take_lane(&rest);
+#else
+    (void)lanes;
+    return i;
+#endif
+}
 
 /* The first lanes of 16: those in use. */
 static inline uint32_t first_lanes(uint32_t count) {

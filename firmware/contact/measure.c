@@ -4,18 +4,24 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
-/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again; of a zone that joins others, a pair of them in so
- * many; of pairs of half-spaces. */
+/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again. */
 #define WORK_OF_HIT 2u
 #define WORK_OF_LOOKUP 4u
-#define ZONES_OF_WORK 16u
-#define PAIRS_OF_WORK 64u
 /* In parts of a unit: a hit that is asked whether it may be deeper, beside zones, pairs of zones and half-spaces that it is asked for; a surface, beside zones that might be
- * of it; a facet of a lane in a cell; of a cell where planes meet each of them. */
+ * of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known, each of them. */
 #define PARTS_OF_ASKED 4u
 #define PARTS_OF_SURFACE 8u
+#define PARTS_OF_SHARE 32u
 #define PARTS_OF_FACET 8u
 #define PARTS_OF_PLANE 48u
+/* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in the sweeps of a half-space;
+ * compared with another, or its side with another; a pair of half-spaces. */
+#define PARTS_OF_TAKEN 48u
+#define PARTS_OF_RELATED 20u
+#define PARTS_OF_LED 4u
+#define PARTS_OF_SWEEP 7u
+#define PARTS_OF_SAME 1u
+#define PARTS_OF_HALVES 4u
 
 /* Not filled with zeros: there is one for each plane of each hit. */
 static void set_spots(cr_way_spots *at, const struct cr_img_cluster *c, uint32_t lanes, uint32_t count) {
@@ -114,6 +120,7 @@ static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, 
     cr_planes *one = &s->scratch->alone;
     const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, one);
     cr_planes_measure(p, c, h);
+    s->work->spent += PARTS_OF_PLANE * p->count;
     if (p->sign < 0.0f) {
         behind_walls(s, c, lanes, p, h);
     } else {
@@ -129,7 +136,8 @@ static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
     while (sides != 0u) {
         const uint32_t side = (uint32_t)take_lane(&sides);
         uint32_t on = 0u;
-        for (int i = 0; i < CR_LANES; i++) {
+        s->work->spent += PARTS_OF_SHARE;
+        for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
             const float its = share[i] * cr_way_share(v3(look->gx[i], look->gy[i], look->gz[i]), side);
             part[i] = lower_f(1.0f, its / SIDE_FULL);
             on |= (uint32_t)(its > 0.0f) << i;
@@ -242,7 +250,7 @@ static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, ui
     cr_lanes3 *normal = &s->scratch->normal;
     cr_way_work *w = s->work;
     const uint32_t surface = cr_way_common(s->in->field, look, lanes);
-    w->spent += CR_PARTS_OF_MEETING * count_lanes(look->on_planes);
+    w->spent += CR_PARTS_OF_MEETING * look->planes;
     cr_way_normals(s->in->world_from_tool, look, lanes, normal);
     if (surface != CR_WAY_NONE) {
         over_surface(s, c, lanes, surface, look, normal, whole);
@@ -332,11 +340,47 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
     return 1;
 }
 
+/* Passes over the zones before their half-spaces are known. */
+enum { RELATE, LEAD, JOIN, ZONE_PASSES };
+/* And over these before hits are measured. */
+enum { AGREE, SHARE, HALF_PASSES };
+
+/* One zone of a pass. Returns its work, in parts. */
+static uint32_t take_zone(const cr_way_survey *s, uint32_t step) {
+    const cr_scene *scene = s->in->field->scene;
+    cr_way_relations *r = &s->work->relations;
+    const uint32_t n = s->zones->count, pass = step / n, z = step % n;
+    if (pass == RELATE) {
+        cr_way_relate(scene, s->zones, z, r);
+        return PARTS_OF_TAKEN + PARTS_OF_RELATED * z;
+    }
+    if (pass == LEAD) {
+        return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(s->zones, z, r);
+    }
+    const uint32_t halves = r->half_count, sweeps = cr_way_join(scene, s->zones, z, r, s->half);
+    const uint32_t sides = sweeps != 0u ? n : 0u;
+    return PARTS_OF_TAKEN +
+           n * (PARTS_OF_RELATED + PARTS_OF_SAME * halves + PARTS_OF_SWEEP * sweeps + PARTS_OF_SAME * sides);
+}
+
+/* One half-space of a pass. */
+static uint32_t take_half(const cr_way_survey *s, uint32_t step) {
+    const cr_way_relations *r = s->relations;
+    const uint32_t pass = step / r->half_count, h = step % r->half_count;
+    if (pass == AGREE) {
+        return PARTS_OF_TAKEN + PARTS_OF_SAME * s->zones->count * cr_way_agree(s->zones, r, h, s->half);
+    }
+    cr_way_share_arm(r->half_count, h, s->half);
+    return PARTS_OF_TAKEN + PARTS_OF_HALVES * r->half_count;
+}
+
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
-    cr_way_relate(in->field->scene, &in->set->way, &work->relations);
-    work->next = work->resolving = 0u;
+    CR_ASSERT(in->set->way.count <= CR_WAY_ZONES_MAX);
+    work->next = work->resolving = work->left = 0u;
     work->done = work->surfaces_done = 0u;
-    work->spent = CR_WORK_PARTS * in->set->way.count;
+    work->spent = 0u;
+    work->relations.half_count = 0u;
+    work->relations.whole_m3 = 0.0f;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;
     }
@@ -345,24 +389,24 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max) {
     const cr_way_zones *zones = &in->set->way;
     const cr_way_survey s = {in, zones, &work->relations, work->half, &work->scratch, work, lookups_max};
-    const uint32_t steps = 2u * zones->count + in->set->hit_count;
-    CR_ASSERT(work->next <= steps);
+    const uint32_t joined = ZONE_PASSES * zones->count;
+    int is_whole = 0;
     cr_planes planes, cell;
     planes.kind = cell.kind = 0u;
     planes.count = cell.count = 0u;
-    while (work->next < steps && work->spent / CR_WORK_PARTS < lookups_max) {
-        const uint32_t step = work->next;
-        if (step >= zones->count) {
-            work->next += (uint32_t)measure_step(&s, step - zones->count, &planes, &cell);
-            continue;
-        }
-        work->next++;
-        cr_way_join(in->field->scene, zones, step, &work->relations, work->half);
-        work->spent += CR_WORK_PARTS * (1u + zones->count * zones->count / ZONES_OF_WORK);
-        if (step + 1u == zones->count) {
-            work->spent += CR_WORK_PARTS / PAIRS_OF_WORK * cr_way_agree(zones, &work->relations, work->half);
+    while (!is_whole && work->spent / CR_WORK_PARTS < lookups_max) {
+        const uint32_t agreed = joined + HALF_PASSES * work->relations.half_count; /* once they have joined */
+        if (work->left != 0u) {
+            cr_way_go_on(&s);
+        } else if (work->next < joined) {
+            work->spent += take_zone(&s, work->next++);
+        } else if (work->next < agreed) {
+            work->spent += take_half(&s, work->next++ - joined);
+        } else if (work->next < agreed + zones->count + in->set->hit_count) {
+            work->next += (uint32_t)measure_step(&s, work->next - agreed, &planes, &cell);
+        } else {
+            is_whole = 1;
         }
     }
-    CR_ASSERT(work->next == steps || work->spent / CR_WORK_PARTS >= lookups_max);
-    return work->next == steps;
+    return is_whole;
 }

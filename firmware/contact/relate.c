@@ -41,25 +41,18 @@
  * of 0.62. */
 #define COUNTS 0.3f
 /* A zone by its means. */
-typedef struct {
-    cr_vec3 normal; /* of the static surface: the shorter the more it is spread */
-    cr_vec3 unit;   /* the same of length 1 */
-    cr_vec3 touched;
-} means;
-
-static means means_of(const cr_way_zone *z) {
+static void find_means(const cr_way_zone *z, uint32_t zone, cr_way_relations *r) {
     CR_ASSERT(!(z->weight_m3 <= 0.0f) && (!z->flat || v3_is_unit(z->plane_normal)));
     const float inverse = 1.0f / z->weight_m3;
-    const cr_vec3 centre = v3_scale(z->centre_m4, inverse);
-    means m = {z->plane_normal, z->plane_normal, centre};
+    const cr_vec3 centre = v3_scale(z->centre_m4, inverse), n = z->plane_normal;
     if (z->flat) {
-        m.touched = v3_mad(centre, m.unit, -(v3_dot(m.unit, centre) + z->plane_offset_m));
+        r->normal[zone] = r->unit[zone] = n;
+        r->touched[zone] = v3_mad(centre, n, -(v3_dot(n, centre) + z->plane_offset_m));
     } else {
-        m.normal = v3_scale(z->normal_m3, inverse);
-        m.unit = v3_unit(m.normal, 1e-3f);
-        m.touched = v3_mad(centre, z->above_m4, inverse);
+        r->normal[zone] = v3_scale(z->normal_m3, inverse);
+        r->unit[zone] = v3_unit(r->normal[zone], 1e-3f);
+        r->touched[zone] = v3_mad(centre, z->above_m4, inverse);
     }
-    return m;
 }
 
 /* How high one of two places of a surface, with their outward normals, lies above the plane of the other: a sine. */
@@ -85,8 +78,9 @@ static float meet(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m) {
 }
 
 /* The relation of two zones of one piece: by the label of the crease of their patches where there is but one, else by the means. */
-static float meet_static(const cr_scene *s, const cr_way_zone *za, const cr_way_zone *zb, const means *a,
-                         const means *b) {
+static float meet_static(const cr_scene *s, const cr_way_zones *zones, const cr_way_relations *r, uint32_t a,
+                         uint32_t b) {
+    const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
     if (za->key.surface == CR_WAY_NONE || zb->key.surface == CR_WAY_NONE ||
         (za->key.surface == zb->key.surface && (za->key.surface & CR_WAY_CURVED) == 0u)) {
         return 1.0f;
@@ -95,7 +89,7 @@ static float meet_static(const cr_scene *s, const cr_way_zone *za, const cr_way_
     if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
         return label == CR_PAIR_CONVEX ? 1.0f : 0.0f;
     }
-    return meet(a->touched, a->normal, b->touched, b->normal);
+    return meet(r->touched[a], r->normal[a], r->touched[b], r->normal[b]);
 }
 
 /* How far two zones that are both related to a third, and are of one piece, are not related to each other. */
@@ -108,9 +102,11 @@ static float conflict_of(const cr_way_zones *zones, const cr_way_relations *r, u
 }
 
 /* Zones that are related to one but not to each other leave it no direction of its own: it does not lead, as far as they weigh. */
-static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, uint32_t a) {
+uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t a, cr_way_relations *r) {
     float conflict = 0.0f;
+    uint32_t related = 0u;
     for (uint32_t b = 0; b < zones->count; b++) {
+        related += (uint32_t)(r->part[a][b] > 0.0f);
         for (uint32_t c = 0; c < b && r->part[a][b] > 0.0f && b != a; c++) {
             const int may = (c != a) & (r->part[a][c] > 0.0f) & (1.0f - r->part[b][c] > conflict);
             if (may && zones->zones[b].key.piece == zones->zones[c].key.piece) {
@@ -118,7 +114,8 @@ static float lead_of(const cr_way_zones *zones, const cr_way_relations *r, uint3
             }
         }
     }
-    return 1.0f - conflict;
+    r->lead[a] = 1.0f - conflict;
+    return related;
 }
 
 /* How far two zones make one side of the obstacle: facets that turn little from each other do. */
@@ -150,19 +147,24 @@ static cr_vec3 favour_large(uint32_t count, const cr_vec3 *unit, const float *al
 /* Alphas that make a sum of the normals, each at most limit times its zone's share of the weight: projected Gauss-Seidel. A normal that is related by a part
  * only is held back. Returns what is left of the sum. */
 static cr_vec3 project(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float per_weight, float limit,
-                       float tiny, cr_vec3 left, float *alpha) {
+                       float tiny, cr_vec3 left, float *alpha, uint32_t *sweeps) {
+    float held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
+    for (uint32_t c = 0; c < zones->count; c++) {
+        held[c] = part[c] > 0.0f ? 1.0f / part[c] - 1.0f : 0.0f;
+        most[c] = part[c] * limit * zones->zones[c].weight_m3 * per_weight;
+    }
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         float moved = 0.0f;
+        (*sweeps)++;
         for (uint32_t c = 0; c < zones->count; c++) {
             if (!(part[c] > 0.0f)) {
                 continue;
             }
-            const float held = 1.0f / part[c] - 1.0f;
-            const float most = part[c] * limit * zones->zones[c].weight_m3 * per_weight;
+            const float before = alpha[c];
             const float next =
-                clamp_f(alpha[c] + (v3_dot(unit[c], left) - held * alpha[c]) / (1.0f + held), 0.0f, most);
-            left = v3_mad(left, unit[c], alpha[c] - next);
-            moved = max_f(moved, abs_f(next - alpha[c]));
+                clamp_f(before + (v3_dot(unit[c], left) - held[c] * before) / (1.0f + held[c]), 0.0f, most[c]);
+            left = v3_mad(left, unit[c], before - next);
+            moved = max_f(moved, abs_f(next - before));
             alpha[c] = next;
         }
         if (moved <= tiny) {
@@ -175,7 +177,7 @@ static cr_vec3 project(const cr_way_zones *zones, const cr_vec3 *unit, const flo
 /* The part of a sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond sampling error, and where most of what
  * is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
 static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_vec3 sum,
-                         float per_weight, float trusted, float seen, float bent) {
+                         float per_weight, float trusted, float seen, float bent, uint32_t *sweeps) {
     float alpha[CR_WAY_ZONES_MAX], whole = 0.0f, known = 0.0f; /* sum of alpha; share of the weight that has a normal */
     cr_vec3 left = sum;
     const float size = v3_norm(sum);
@@ -184,13 +186,13 @@ static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const f
         alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
         left = v3_mad(left, unit[c], -alpha[c]);
     }
-    left = project(zones, unit, part, per_weight, NO_LIMIT, 1e-6f * size, left, alpha);
+    left = project(zones, unit, part, per_weight, NO_LIMIT, 1e-6f * size, left, alpha, sweeps);
     for (uint32_t c = 0; c < count; c++) {
         whole += alpha[c];
         known += part[c] * zones->zones[c].weight_m3 * per_weight * v3_dot(unit[c], unit[c]);
     }
-    left =
-        project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha);
+    left = project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha,
+                   sweeps);
     sum = favour_large(count, unit, alpha);
     const float per_left = size / max_f(v3_norm(left), 1e-30f);
     return v3_mad(sum, left, trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, bent * per_left)));
@@ -238,9 +240,10 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
     return 1;
 }
 
-/* Normal and arm of the zones that one zone is related to, each by its part. */
-static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
-                      float spacing_m, cr_way_half *out) {
+/* Normal and arm of the zones that one zone is related to, each by its part. Returns sweeps of the projection. */
+static uint32_t make_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
+                          float spacing_m, cr_way_half *out) {
+    uint32_t sweeps = 0u;
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
     out->deep_m = out->curved_m3 = 0.0f;
@@ -264,8 +267,9 @@ static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const floa
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     const float trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
-    const cr_vec3 way = into_cone(zones, unit, part, sum, per_weight, trusted,
-                                  clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f), bent * per_weight * bends * per_weight);
+    const cr_vec3 way =
+        into_cone(zones, unit, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f),
+                  bent * per_weight * bends * per_weight, &sweeps);
     const float length = v3_norm(way), size = v3_norm(sum),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     out->zones = 0u;
@@ -274,67 +278,34 @@ static void make_half(const cr_way_zones *zones, const cr_vec3 *unit, const floa
     out->depth_m = 0.0f;
     out->normal = v3_unit(way, 1e-6f);
     turn = v3_add(v3_scale(turn, per_weight), v3_cross(v3_scale(centre, per_weight), v3_sub(way, sum)));
-    out->arm_m = v3_scale(turn, 1.0f / max_f(length, 1e-30f));
+    out->own_m = v3_scale(turn, 1.0f / max_f(length, 1e-30f));
     out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f);
+    return sweeps;
 }
 
-static void relate_all(const cr_scene *scene, const cr_way_zones *zones, const means *m, cr_way_relations *r) {
-    for (uint32_t a = 0; a < zones->count; a++) {
-        r->part[a][a] = 1.0f;
-        for (uint32_t b = 0; b < a; b++) {
-            const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
-            r->part[a][b] = r->part[b][a] =
-                za->key.piece == zb->key.piece ? meet_static(scene, za, zb, &m[a], &m[b]) : 0.0f;
-            CR_ASSERT(!(r->part[a][b] < 0.0f || r->part[a][b] > 1.0f));
-        }
+void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r) {
+    const cr_way_zone *z = &zones->zones[zone];
+    CR_ASSERT(zone < zones->count && zones->count <= CR_WAY_ZONES_MAX);
+    find_means(z, zone, r);
+    r->whole_m3 += z->weight_m3;
+    r->part[zone][zone] = 1.0f;
+    for (uint32_t b = 0; b < zone; b++) {
+        const int one = z->key.piece == zones->zones[b].key.piece;
+        r->part[zone][b] = r->part[b][zone] = one ? meet_static(scene, zones, r, zone, b) : 0.0f;
+        CR_ASSERT(!(r->part[zone][b] < 0.0f || r->part[zone][b] > 1.0f));
     }
 }
 
-/* Half-spaces of one direction: the sum of their moments acts for each, by their weights, so that which of them is deepest by a hair does not matter. One that
- * does not push has no part in it: its arm is a moment over next to no force. */
-static void share_arms(cr_way_half *half, uint32_t count) {
-    cr_vec3 arm[CR_WAY_ZONES_MAX];
-    for (uint32_t i = 0; i < count; i++) {
-        cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
-        float total = 0.0f;
-        for (uint32_t j = 0; j < count; j++) {
-            const float one = clamp_f(1.0f - v3_norm(v3_sub(half[i].normal, half[j].normal)) / ONE_WAY, 0.0f, 1.0f);
-            const float counts = one * half[j].open * half[j].weight_m3;
-            sum = v3_mad(sum, half[j].arm_m, counts);
-            total += counts;
-        }
-        arm[i] = total <= 0.0f ? half[i].arm_m : v3_scale(sum, 1.0f / total);
-    }
-    for (uint32_t i = 0; i < count; i++) {
-        half[i].arm_m = arm[i];
-    }
-}
-
-void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *r) {
-    means m[CR_WAY_ZONES_MAX] = {0};
-    CR_ASSERT(zones->count <= CR_WAY_ZONES_MAX);
-    r->half_count = 0u;
-    r->whole_m3 = 0.0f;
-    for (uint32_t a = 0; a < zones->count; a++) {
-        m[a] = means_of(&zones->zones[a]);
-        r->unit[a] = m[a].unit;
-        r->touched[a] = m[a].touched;
-        r->whole_m3 += zones->zones[a].weight_m3;
-    }
-    relate_all(scene, zones, m, r);
-}
-
-void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r,
-                 cr_way_half *halves) {
-    uint32_t h = 0u;
+uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r,
+                     cr_way_half *halves) {
+    uint32_t h = 0u, sweeps = 0u;
     CR_ASSERT(zone < zones->count && r->half_count <= zone); /* no more half-spaces than zones that have joined */
-    r->lead[zone] = lead_of(zones, r, zone);
     while (h < r->half_count && !rows_agree(r->part[zone], r->part[r->first[h]], zones->count)) {
         h++;
     }
     cr_way_half *half = &halves[h];
     if (h == r->half_count) {
-        make_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half);
+        sweeps = make_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half);
         r->first[r->half_count++] = zone;
     }
     CR_ASSERT(!has_lane(half->zones, (int)zone));
@@ -344,13 +315,16 @@ void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone
         find_bounds(scene, zones, r, zone, half);
     }
     r->half_of[zone] = h;
+    return sweeps;
 }
 
-/* Most weight of a zone that leads a half-space; one that could lead two is related to nearly the same weight counts as far as it is. */
-static float led_by(const cr_way_zones *zones, const cr_way_relations *r, uint32_t h, const cr_way_half *half,
-                    uint32_t *pairs) {
-    const float enough = MINOR * half->weight_m3;
+/* Most weight of a zone that leads it; one that could lead two is related to nearly the same weight counts as far as it is. */
+uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *r, uint32_t index, cr_way_half *halves) {
+    cr_way_half *half = &halves[index];
+    const float enough = MINOR * half->weight_m3, *own = r->part[r->first[index]];
     float led = half->led_m3;
+    uint32_t compared = 0u;
+    CR_ASSERT(index < r->half_count);
     for (uint32_t c = 0; c < zones->count && led < enough; c++) {
         const float spare = 2.0f * zones->zones[c].weight_m3 - enough;
         float apart = 0.0f; /* weight that it is not related to alike */
@@ -358,19 +332,27 @@ static float led_by(const cr_way_zones *zones, const cr_way_relations *r, uint32
             continue;
         }
         for (uint32_t d = 0; d < zones->count && apart < enough; d++) {
-            apart += abs_f(r->part[c][d] - r->part[r->first[h]][d]) * zones->zones[d].weight_m3;
+            apart += abs_f(r->part[c][d] - own[d]) * zones->zones[d].weight_m3;
         }
-        (*pairs)++; /* two rows cost what a pair of half-spaces does */
+        compared++;
         led = max_f(led, spare * max_f(0.0f, 1.0f - apart / enough));
     }
-    return led;
+    half->open *= min_f(1.0f, led / enough);
+    return compared;
 }
 
-uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *r, cr_way_half *halves) {
-    uint32_t pairs = r->half_count * r->half_count;
-    for (uint32_t h = 0; h < r->half_count; h++) {
-        halves[h].open *= min_f(1.0f, led_by(zones, r, h, &halves[h], &pairs) / (MINOR * halves[h].weight_m3));
+/* The sum of the moments of one direction acts for each half-space, by their weights, so that which of them is deepest by a hair does not matter. One that
+ * does not push has no part in it: its arm is a moment over next to no force. */
+void cr_way_share_arm(uint32_t count, uint32_t index, cr_way_half *halves) {
+    cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
+    float total = 0.0f;
+    CR_ASSERT(index < count);
+    for (uint32_t j = 0; j < count; j++) {
+        const cr_way_half *h = &halves[j];
+        const float one = clamp_f(1.0f - v3_norm(v3_sub(halves[index].normal, h->normal)) / ONE_WAY, 0.0f, 1.0f);
+        const float counts = one * h->open * h->weight_m3;
+        sum = v3_mad(sum, h->own_m, counts);
+        total += counts;
     }
-    share_arms(halves, r->half_count);
-    return pairs;
+    halves[index].arm_m = total <= 0.0f ? halves[index].own_m : v3_scale(sum, 1.0f / total);
 }

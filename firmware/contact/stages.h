@@ -12,8 +12,9 @@
 
 /* Work is counted in lookups of 16 points, where no planes meet, and summed in parts of one. */
 #define CR_WORK_PARTS 256u
-/* Parts of a unit: a lane that is looked up where planes meet. */
-#define CR_PARTS_OF_MEETING 16u
+/* Parts of a unit: of a lane that is looked up where planes meet, each of them; of a lane that planes cut, or where they are turned for one, each of them. */
+#define CR_PARTS_OF_MEETING 8u
+#define CR_PARTS_OF_CUT 10u
 
 /* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
 typedef struct {
@@ -24,6 +25,7 @@ typedef struct {
     uint32_t facet[CR_LANES];                       /* where bit is set in from_facet: facet whose plane is highest */
     uint32_t kind[CR_LANES];                        /* where bit is set in on_planes: what the cell sees */
     uint32_t on_planes;                             /* lanes in cells with planes that meet; */
+    uint32_t planes;                                /* that distances are from, in all lanes */
     uint32_t from_facet;                            /* of these, those whose phi is from them: near the surface */
     uint32_t bent; /* of these, lanes nearest to an edge or a vertex: phi is not linear there */
 } cr_lookup;
@@ -198,8 +200,9 @@ typedef struct {
     uint32_t count, dropped;
     uint32_t parts;   /* of work, that were made of the cluster */
     uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
+    uint32_t left;    /* lanes that are in none yet */
     cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
-    float full_m[CR_LANES]; /* and depths, whatever they count for */
+    float full_m[CR_LANES]; /* and depths, whatever they count for: of lanes in curved layers */
     cr_way_reach reach;
     cr_way_layer layers[CR_WAY_LAYERS_MAX];
 } cr_way_layers;
@@ -231,9 +234,14 @@ typedef struct {
 /* Purpose  room for one more hit of a cluster, its places not set; null, and counted, when all are taken. */
 cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats);
 
-/* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones". */
-void cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-                const cr_looked *looked);
+/* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones".
+ * Output   1: all of it; 0: call cr_way_add_more until it is.   Cost  layers.parts. */
+int cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
+               const cr_looked *looked);
+
+/* Purpose  the next step of that: lanes of one cell, or all zones.   Shapes  looked: what was looked up, as for cr_way_add. */
+int cr_way_add_more(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
+                    const cr_looked *looked);
 
 /* Height of a sample above the plane normal . p + offset, m. */
 static inline float height_above(const struct cr_img_cluster *c, int i, cr_vec3 normal, float offset_m) {
@@ -258,9 +266,9 @@ static inline cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec
 
 /* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
  * Shapes   at: what was looked up at the cluster's points.   Output  coverage[CR_LANES], 0..1.
- * Source   DESIGN.md "Point shell and coverage". */
-void cr_cover(const cr_scene *scene, const xform *world_from_tool, uint32_t mode, const struct cr_img_cluster *cluster,
-              const cr_lookup *at, float *coverage);
+ * Returns  planes that lanes were cut by, and those that were turned for it.   Source   DESIGN.md "Point shell and coverage". */
+uint32_t cr_cover(const cr_scene *scene, const xform *world_from_tool, uint32_t mode,
+                  const struct cr_img_cluster *cluster, const cr_lookup *at, float *coverage);
 
 /* Purpose  the same for a lane that planes of the static surface cut: of the convex solid that they bound.
  * Shapes   height[planes->count], top the largest of them; distance_m: to the solid. */
@@ -304,6 +312,13 @@ typedef struct {
     cr_lookup centres;
 } cr_batch;
 
+/* What was looked up of the cluster in hand. */
+typedef struct {
+    cr_lanes3 world;
+    cr_lookup at;
+    float coverage[CR_LANES];
+} cr_in_hand;
+
 /* Where a search stands between two ticks. */
 typedef struct {
     uint32_t open;  /* 1: begun and not at its end */
@@ -316,6 +331,8 @@ typedef struct {
     uint32_t looked_up;      /* 0, or as many as wait: they are in the batch */
     uint32_t visited;        /* of these, those that were looked at */
     cr_batch batch;
+    uint32_t adding; /* 1: what the last hit is inside of is not all in zones yet */
+    cr_in_hand in_hand;
 } cr_descent;
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */

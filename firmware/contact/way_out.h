@@ -41,10 +41,12 @@ float cr_way_share(cr_vec3 direction, uint32_t side);
 void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
                         const float *coverage, const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
 
-/* Purpose  layers of samples that were looked up.   Shapes  coverage, at, world: [CR_LANES]. */
-void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const struct cr_img_cluster *cluster,
-                        uint32_t lanes, const float *coverage, const cr_lookup *at, const cr_lanes3 *world,
+/* Purpose  layers of samples that were looked up.   Output  out->left: lanes of other surfaces than one, for cr_way_over_next. */
+void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const cr_looked *looked, uint32_t lanes,
                         cr_way_layers *out);
+
+/* Purpose  of those that are left the lanes in one cell where planes meet, or else all others. */
+void cr_way_over_next(const cr_field *field, const xform *world_from_tool, const cr_looked *looked, cr_way_layers *out);
 
 /* Purpose  lanes as deep as the image has no samples pass to no surface, continuously. */
 void cr_way_fade(const cr_scene *scene, uint32_t lanes, cr_way_layers *layers);
@@ -91,32 +93,42 @@ typedef struct {
     float curved_m3; /* of the weight, that of curved zones */
     float deep_m;    /* of the deepest sample in its zones */
     float open;      /* 0..1: how far the zones have a direction */
-    cr_vec3 arm_m;   /* torque about the tool origin of a unit force along normal */
+    cr_vec3 own_m;   /* torque about the tool origin of a unit force along normal, of its zones */
+    cr_vec3 arm_m;   /* and of all half-spaces of this direction */
     uint32_t bound_count;
     cr_way_bound bounds[CR_WAY_BOUNDS_MAX];
 } cr_way_half;
 
 /* How zones belong together. */
 typedef struct {
-    cr_vec3 unit[CR_WAY_ZONES_MAX],
-        touched[CR_WAY_ZONES_MAX];                  /* mean normal of the static surface, and a point of it */
-    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two */
+    cr_vec3 normal[CR_WAY_ZONES_MAX]; /* mean of the static surface's: the shorter the more it is spread */
+    cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* the same of length 1, and a point of the surface */
+    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];            /* 1: one way out, 0: two */
     float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
     uint32_t half_of[CR_WAY_ZONES_MAX];
     uint32_t half_count, first[CR_WAY_ZONES_MAX]; /* half-spaces, and the zone that each was made for */
     float whole_m3;                               /* weight of all zones */
 } cr_way_relations;
 
-/* Purpose  which zones have one way out.   Output  unit, touched, part. */
-void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, cr_way_relations *relations);
+/* Zones become half-spaces in passes, each over all zones or half-spaces, one after the other. */
 
-/* Purpose  the half-space of a zone, made when none of those before has the same relations: normal, arm, bounds; no depth yet.
- * Shapes   halves[CR_WAY_ZONES_MAX]; zones one after the other. */
-void cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations,
-                 cr_way_half *halves);
+/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part; whole_m3 is added to. */
+void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);
 
-/* Purpose  how far half-spaces are open and what they share of their moments, once all zones have joined.   Returns  pairs that were compared. */
-uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, cr_way_half *halves);
+/* Purpose  how far a zone leads, once all are related.   Output  lead.   Returns  zones that it is related to. */
+uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);
+
+/* Purpose  the half-space of a zone, made when none of those before has the same relations: normal, own arm, bounds; no depth yet.
+ * Shapes   halves[CR_WAY_ZONES_MAX].   Returns  sweeps it took to make it; 0: it was there. */
+uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations,
+                     cr_way_half *halves);
+
+/* Purpose  how far a half-space is open, once all zones have joined.   Returns  zones whose relations were compared with its own. */
+uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,
+                      cr_way_half *halves);
+
+/* Purpose  the moment that a half-space shares, once it is known how far all are open.   Output  arm_m. */
+void cr_way_share_arm(uint32_t count, uint32_t index, cr_way_half *halves);
 
 #define CR_WAY_EXITS_MAX (CR_KIND_FACETS_MAX + CR_WAY_BOUNDS_MAX)
 
@@ -166,6 +178,25 @@ typedef struct {
     float share[CR_WAY_LAYERS_MAX][CR_LANES];
 } cr_way_shares;
 
+/* Of each lane: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the steepest exit is, and
+ * whether but one exit can be the first. */
+typedef struct {
+    float middle_m[CR_LANES], most_m[CR_LANES], steep[CR_LANES];
+    uint32_t plain;
+} cr_way_ways;
+
+/* Lanes that wait for all of their exits, one after the other: of which cluster, by what part, for which half-space; those of them that march, and how far they
+ * have come, in so many steps. */
+typedef struct {
+    const struct cr_img_cluster *c;
+    cr_way_half *half;
+    float part[CR_LANES], gone_m[CR_LANES];
+    uint32_t marching, steps;
+    float most_m;
+    cr_way_exits exits; /* of all lanes, where planes alone are: but for their heights above these; none: by the rows */
+    const float *height_m[CR_KIND_FACETS_MAX]; /* [CR_LANES] */
+} cr_way_rest;
+
 /* What is measured of the cluster in hand: in the world's memory, so that the stack stays small. */
 typedef struct {
     cr_lanes3 world, normal, march_from, march_world;
@@ -173,6 +204,8 @@ typedef struct {
     cr_planes alone;
     cr_heights heights;
     cr_way_rows rows;
+    cr_way_ways ways;
+    cr_way_rest rest;
     cr_way_shares shares;
 } cr_way_scratch;
 
@@ -180,8 +213,9 @@ typedef struct {
 
 /* What passes between the stages of an answer, and from tick to tick while it is not whole. */
 typedef struct {
-    uint32_t next;                      /* the step that comes next: zones join, then hits are measured */
-    uint32_t spent;                     /* work of this tick, in parts */
+    uint32_t next;  /* the step that comes next: passes over zones, then hits are measured */
+    uint32_t spent; /* work of this tick, in parts */
+    uint32_t left;  /* lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
     uint32_t surfaces, surfaces_done;   /* that the hit in hand is over: met in this tick, and done; */
     uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
     uint32_t moved;                     /* 1: something of the hit was done in this tick */
@@ -243,10 +277,14 @@ static inline int cr_way_waits(const cr_way_survey *s) {
  * Shapes   part[CR_LANES].   Output  depth_m of the half-spaces; at->deep_m; what it costs in work->spent. */
 void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part);
 
-/* Purpose  begin an answer: which zones have one way out. */
+/* Purpose  lanes that wait: steps of their march, and then all exits of each.   Output  depth_m of the half-space; work->left: those that wait still.
+ * Cost  as cr_way_measure; ends with a step of a march, or a lane. */
+void cr_way_go_on(const cr_way_survey *s);
+
+/* Purpose  begin an answer. */
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
 
-/* Purpose  half-spaces and the depth of each: how far the deepest point of its tool surface has to go along the normal to the first exit.
+/* Purpose  half-spaces, which zones have one way out, and the depth of each: how far the deepest point of its tool surface has to go along the normal to the first exit.
  * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the step that takes it to lookups_max. */
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
 

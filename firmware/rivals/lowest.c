@@ -236,7 +236,7 @@ static float lowest_on_faces(const spot *r, uint32_t lanes, float best) {
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(in->field, &world, lanes, &at);
-    cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, &at, coverage);
+    (void)cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, &at, coverage);
     for (int i = 0; i < CR_LANES; i++) {
         place.x[i] = c->x[i];
         place.y[i] = c->y[i];

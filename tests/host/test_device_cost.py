@@ -44,8 +44,8 @@ DEEP = {
     ],
 }
 """Poses of the longest steps that were found, by search over deep ones."""
-STEP_WORK = 46
-"""Units of the longest: 24 zones that join."""
+STEP_WORK = 48
+"""Units of the longest: one of 24 zones that joins."""
 MANY_SURFACES = [
     *(-0.0483156793, 0.0241204067, 0.0264952154),
     *(0.3741173558, -0.0854342292, 0.1434040570, 0.9122350936),

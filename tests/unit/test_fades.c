@@ -116,7 +116,7 @@ static double share_for_the_side_upwards(cr_vec3 n) {
     for (uint32_t h = 0; h < set.hit_count; h++) {
         set.way.reach[h].zones = 1u;
     }
-    work.next = 1u; /* it has joined */
+    work.next = 5u; /* its passes are done */
     work.relations.part[0][0] = work.relations.lead[0] = 1.0f;
     work.relations.half_count = 1u;
     work.half[0].normal = n;

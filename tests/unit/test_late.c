@@ -15,12 +15,13 @@
 #define PERIOD_S 1e-3f
 #define STIFFNESS_N_M 1000.0f
 #define LOOKUPS 96u
-/* Work of one hit at most: looked up, and each of 16 lanes called for by itself and looked at, for two half-spaces. */
-#define HIT_MOST (4u + 16u * 2u * 2u)
+/* Work of one step of an answer at most: a hit that is looked up, a surface of it that is told, a half-space of 16 lanes that are looked at, and one of them called for. */
+#define STEP_MOST (4u + 2u + 5u + 1u)
 /* The distances of the image are rounded to this, and the force with them. */
 #define ROUNDING_N 2e-3f
 
 static crt_rig wall, edge;
+static uint32_t within; /* calls that ended within a cluster */
 static cr_contact_set whole, pieces;
 
 static void open_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, HALF_M, 0.5e-3, VOXEL_M); }
@@ -64,7 +65,7 @@ static cr_pose pressed(double depth_m) { return crt_pose(0.0, 0.0, HALF_M - dept
 /* Searches at a pose, in as many calls as it takes, with so many lookups in each. Returns how many it took. */
 static uint32_t gather_in_calls(cr_motion *motion, const cr_pose *pose, uint32_t lookups, cr_contact_set *set) {
     const xform at = xform_from_pose(pose);
-    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = lookups, .slices_max = CR_SEARCH_TICKS_MAX};
+    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = lookups, .slices_max = UINT32_MAX};
     cr_descent search;
     cr_stats stats;
     memset(&search, 0, sizeof search);
@@ -73,6 +74,7 @@ static uint32_t gather_in_calls(cr_motion *motion, const cr_pose *pose, uint32_t
     for (int ended = 0; !ended;) {
         memset(&stats, 0, sizeof stats);
         ended = cr_detect(&edge.field, &at, &options, motion, &search, set, &stats);
+        within += search.adding;
         assert_true(lookups == UINT32_MAX || stats.points + stats.nodes <= lookups * CR_LANES);
     }
     return search.calls;
@@ -87,11 +89,13 @@ static void zones_gathered_in_pieces_are_the_same_to_the_bit(void **state) {
     motion.wake_m = calloc(motion.wake_count, sizeof(float));
     uint64_t seed = 4u;
     uint32_t most = 0u, zones = 0u;
+    within = 0u;
     for (int i = 0; i < 100; i++) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
         assert_int_equal(gather_in_calls(&motion, &pose, UINT32_MAX, &whole), 1);
-        const uint32_t calls = gather_in_calls(&motion, &pose, LOOKUPS, &pieces);
+        /* every other time with so little that it ends within a cluster */
+        const uint32_t calls = gather_in_calls(&motion, &pose, i % 2 == 0 ? LOOKUPS : 2u, &pieces);
         most = calls > most ? calls : most;
         zones += whole.way.count;
         assert_int_equal(pieces.hit_count, whole.hit_count);
@@ -99,11 +103,11 @@ static void zones_gathered_in_pieces_are_the_same_to_the_bit(void **state) {
         assert_memory_equal(pieces.way.zones, whole.way.zones, whole.way.count * sizeof *whole.way.zones);
         assert_memory_equal(pieces.way.reach, whole.way.reach, whole.hit_count * sizeof *whole.way.reach);
     }
-    assert_true(most > 3u && zones > 100u);
+    assert_true(most > 3u && zones > 100u && within > 5u);
     free(motion.wake_m);
 }
 
-static uint32_t within; /* calls that ended within a hit */
+static uint32_t among; /* calls that ended among the lanes of a half-space */
 
 /* What is found at a pose, measured with so much work in each call. Returns how many calls it took. */
 static uint32_t measure_in_calls(const cr_pose *pose, uint32_t lookups, cr_contact_set *set, cr_way_work *work) {
@@ -113,8 +117,9 @@ static uint32_t measure_in_calls(const cr_pose *pose, uint32_t lookups, cr_conta
     uint32_t calls = 1u;
     cr_way_begin(&in, work);
     while (!cr_way_measure(&in, work, lookups)) {
-        assert_true(work->spent / CR_WORK_PARTS >= lookups && work->spent / CR_WORK_PARTS < lookups + HIT_MOST);
+        assert_true(work->spent / CR_WORK_PARTS >= lookups && work->spent / CR_WORK_PARTS < lookups + STEP_MOST);
         within += work->surfaces_done + work->done > 0u;
+        among += work->left != 0u;
         work->spent = 0u;
         calls++;
     }
@@ -131,14 +136,14 @@ static void depths_measured_in_pieces_are_the_same_to_the_bit(void **state) {
     motion.wake_m = calloc(motion.wake_count, sizeof(float));
     uint64_t seed = 5u;
     uint32_t most = 0u, deep = 0u;
-    within = 0u;
+    within = among = 0u;
     for (int i = 0; i < 100; i++) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
         (void)gather_in_calls(&motion, &pose, UINT32_MAX, &whole);
         assert_int_equal(measure_in_calls(&pose, UINT32_MAX, &whole, &at_once), 1);
-        /* every other time with so little that it ends within a hit */
-        const uint32_t calls = measure_in_calls(&pose, i % 2 == 0 ? LOOKUPS : 8u, &whole, &in_pieces);
+        /* every other time with so little that it ends after each step */
+        const uint32_t calls = measure_in_calls(&pose, i % 2 == 0 ? LOOKUPS : 1u, &whole, &in_pieces);
         const uint32_t count = at_once.relations.half_count;
         most = calls > most ? calls : most;
         assert_int_equal(in_pieces.relations.half_count, count);
@@ -150,8 +155,53 @@ static void depths_measured_in_pieces_are_the_same_to_the_bit(void **state) {
             deep += a->depth_m > 1e-3f;
         }
     }
-    assert_true(most > 2u && deep > 50u && within > 5u);
+    assert_true(most > 2u && deep > 50u && within > 5u && among > 5u);
     free(motion.wake_m);
+}
+
+/* As many zones as there may be, of one piece over curved surfaces that bend this way and that; one hit, which counts for none. */
+static void make_zones(cr_contact_set *set) {
+    uint64_t seed = 6u;
+    memset(set, 0, sizeof *set);
+    set->hit_count = 1u;
+    set->way.count = CR_WAY_ZONES_MAX;
+    for (uint32_t i = 0; i < CR_WAY_ZONES_MAX; i++) {
+        cr_way_zone *z = &set->way.zones[i];
+        const float x = (float)crt_uniform(&seed, -1.0, 1.0), y = (float)crt_uniform(&seed, -1.0, 1.0);
+        const cr_vec3 n = v3_unit(v3(x, y, 0.5f), 0.0f);
+        z->key = (cr_way_key){CR_WAY_CURVED | i, 4u, 0u};
+        z->weight_m3 = (float)crt_uniform(&seed, 0.1e-9, 1e-9);
+        z->area_m2 = 1e-5f;
+        z->deep_m = 1e-3f;
+        z->push_m3 = z->normal_m3 = v3_scale(n, z->weight_m3);
+        z->centre_m4 = v3_scale(v3(1e-3f * x, 1e-3f * y, (float)crt_uniform(&seed, -1e-3, 0.0)), z->weight_m3);
+    }
+}
+
+/* They are related, join and agree zone by zone and half-space by half-space: none of these steps is much, however many there are. */
+static void zones_that_join_in_steps_are_the_same_to_the_bit(void **state) {
+    (void)state;
+    static cr_way_work at_once, in_steps;
+    const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
+    const xform at = xform_from_pose(&pose);
+    const cr_config config = cr_config_default();
+    const cr_respond_input in = {.field = &edge.field, .world_from_tool = &at, .set = &whole, .config = &config};
+    uint32_t steps = 0u;
+    make_zones(&whole);
+    cr_way_begin(&in, &at_once);
+    assert_int_equal(cr_way_measure(&in, &at_once, UINT32_MAX), 1);
+    cr_way_begin(&in, &in_steps);
+    for (int ended = 0; !ended; steps++) {
+        const int agrees = in_steps.next >= 3u * CR_WAY_ZONES_MAX;
+        in_steps.spent = CR_WORK_PARTS - 1u; /* so that one step ends it */
+        ended = cr_way_measure(&in, &in_steps, 1u);
+        assert_true(!agrees || in_steps.spent < 4u * CR_WORK_PARTS);
+    }
+    const uint32_t count = at_once.relations.half_count;
+    assert_true(count > CR_WAY_ZONES_MAX / 2u && steps > 3u * CR_WAY_ZONES_MAX + 2u * count);
+    assert_int_equal(in_steps.relations.half_count, count);
+    assert_memory_equal(&in_steps.relations, &at_once.relations, sizeof at_once.relations);
+    assert_memory_equal(in_steps.half, at_once.half, count * sizeof *at_once.half);
 }
 
 /* A tool of some 1,700 clusters, all over the surface: more than fit into a tick, and more than a search may take ticks for. */
@@ -353,6 +403,7 @@ int main(void) {
         cmocka_unit_test(what_a_search_cannot_see_in_its_time_is_left_out),
         cmocka_unit_test(zones_gathered_in_pieces_are_the_same_to_the_bit),
         cmocka_unit_test(depths_measured_in_pieces_are_the_same_to_the_bit),
+        cmocka_unit_test(zones_that_join_in_steps_are_the_same_to_the_bit),
         cmocka_unit_test(late_force_of_a_wall_is_that_of_the_pose),
         cmocka_unit_test(late_force_ends_where_the_tool_leaves),
         cmocka_unit_test(late_answer_rises_over_the_ticks_it_took),
