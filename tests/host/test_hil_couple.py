@@ -172,7 +172,7 @@ def test_command_writes_a_table_that_is_drawn_with_torque(
     figure = draw_loop(table, "held")
     assert [axes.get_ylabel() for axes in figure.axes][1] == "|torque|, N m"
     assert crease("plot", tmp_path / "out.csv", "-o", tmp_path / "out.png").status == 0
-    with pytest.raises(TableError, match="out: is of a held tool"):
+    with pytest.raises(TableError, match="out: is of a loop with a held tool"):
         path_of(Replay("out", table))
     assert crease(*held, "--delay", "2", "-o", tmp_path / "out2.npz").status == 0
     for words, text in (

@@ -28,8 +28,10 @@ def test_clusters_beside_each_other_have_near_samples() -> None:
     rng = np.random.default_rng(6)
     points, cluster = rng.uniform(0.0, 1.0, (300, 3)), rng.integers(0, 30, 300)
     near = np.linalg.norm(points[:, None] - points[None], axis=2) <= 0.1
-    found = _beside(points, cluster, 0.1)
-    assert len(found) == cluster.max() + 1
-    for i, others in enumerate(found):
+    first, second = _beside(points, cluster, 0.1)
+    assert len(first) == cluster.max() + 2
+    assert first[-1] == len(second)
+    for i in range(cluster.max() + 1):
+        others = second[first[i] : first[i + 1]]
         expected = np.unique(cluster[near[cluster == i].any(axis=0)])
         assert others.tolist() == [j for j in expected if j != i]
