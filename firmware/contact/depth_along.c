@@ -204,16 +204,17 @@ static void march(const cr_way_survey *s) {
 
 void cr_way_go_on(const cr_way_survey *s) {
     cr_way_work *w = s->work;
-    cr_way_rest *r = &s->scratch->rest;
+    cr_way_scratch *scratch = s->scratch;
+    cr_way_rest *r = &scratch->rest;
     CR_ASSERT(w->left != 0u && (r->marching & ~w->left) == 0u);
-    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : s->scratch->rows.count + 2u;
+    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : scratch->rows.count + 2u;
     while (w->left != 0u && !cr_way_waits(s)) {
         if (r->marching != 0u) {
             march(s);
             continue;
         }
         const int i = take_lane(&w->left);
-        const float way_m = planes > 0u ? way_by_planes(r, i) : way_of_lane(s->scratch, i);
+        const float way_m = planes > 0u ? way_by_planes(r, i) : way_of_lane(scratch, i);
         r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
         w->spent += exits * (CR_WORK_PARTS / EXITS_OF_WORK);
     }
@@ -222,7 +223,8 @@ void cr_way_go_on(const cr_way_survey *s) {
 /* Lanes wait for all of their exits; those that no plane leads out of steeply enough march first. */
 static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, uint32_t marching,
                      cr_way_half *half, float most_m) {
-    cr_way_rest *r = &s->scratch->rest;
+    cr_way_scratch *scratch = s->scratch;
+    cr_way_rest *r = &scratch->rest;
     r->c = at->c;
     r->half = half;
     r->most_m = most_m;
@@ -232,7 +234,7 @@ static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t la
         for (int i = 0; i < CR_LANES; i++) {
             r->gone_m[i] = 0.0f;
         }
-        cr_lanes_to_world(s->in->world_from_tool, at->c->x, at->c->y, at->c->z, &s->scratch->march_from);
+        cr_lanes_to_world(s->in->world_from_tool, at->c->x, at->c->y, at->c->z, &scratch->march_from);
     }
     s->work->left = lanes;
     cr_way_go_on(s);
@@ -261,6 +263,7 @@ static int exits_of_planes(const cr_way_spots *at, const cr_way_half *half, cr_w
 static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, const float *part,
                       cr_way_half *half) {
     cr_way_rows *e = &s->scratch->rows;
+    cr_way_rest *rest = &s->scratch->rest;
     cr_way_ways *w = &s->scratch->ways;
     float most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
@@ -269,11 +272,11 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
     if (lanes == 0u) {
         return;
     }
-    if (exits_of_planes(at, half, &s->scratch->rest)) {
+    if (exits_of_planes(at, half, rest)) {
         wait_for(s, at, lanes, 0u, half, 0.0f);
         return;
     }
-    s->scratch->rest.exits.count = 0u;
+    rest->exits.count = 0u;
     find_own(half, at, lanes, e);
     add_bounds(half, at, lanes, e);
     find_ways(at, lanes, e, trusted, w);

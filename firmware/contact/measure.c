@@ -346,31 +346,30 @@ enum { RELATE, LEAD, JOIN, ZONE_PASSES };
 enum { AGREE, SHARE, HALF_PASSES };
 
 /* One zone of a pass. Returns its work, in parts. */
-static uint32_t take_zone(const cr_way_survey *s, uint32_t step) {
-    const cr_scene *scene = s->in->field->scene;
-    cr_way_relations *r = &s->work->relations;
-    const uint32_t n = s->zones->count, pass = step / n, z = step % n;
+static uint32_t take_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w, uint32_t step) {
+    cr_way_relations *r = &w->relations;
+    const uint32_t n = zones->count, pass = step / n, z = step % n;
     if (pass == RELATE) {
-        cr_way_relate(scene, s->zones, z, r);
+        cr_way_relate(scene, zones, z, r);
         return PARTS_OF_TAKEN + PARTS_OF_RELATED * z;
     }
     if (pass == LEAD) {
-        return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(s->zones, z, r);
+        return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
     }
-    const uint32_t halves = r->half_count, sweeps = cr_way_join(scene, s->zones, z, r, s->half);
+    const uint32_t halves = r->half_count, sweeps = cr_way_join(scene, zones, z, r, w->half);
     const uint32_t sides = sweeps != 0u ? n : 0u;
     return PARTS_OF_TAKEN +
            n * (PARTS_OF_RELATED + PARTS_OF_SAME * halves + PARTS_OF_SWEEP * sweeps + PARTS_OF_SAME * sides);
 }
 
 /* One half-space of a pass. */
-static uint32_t take_half(const cr_way_survey *s, uint32_t step) {
-    const cr_way_relations *r = s->relations;
+static uint32_t take_half(const cr_way_zones *zones, cr_way_work *w, uint32_t step) {
+    const cr_way_relations *r = &w->relations;
     const uint32_t pass = step / r->half_count, h = step % r->half_count;
     if (pass == AGREE) {
-        return PARTS_OF_TAKEN + PARTS_OF_SAME * s->zones->count * cr_way_agree(s->zones, r, h, s->half);
+        return PARTS_OF_TAKEN + PARTS_OF_SAME * zones->count * cr_way_agree(zones, r, h, w->half);
     }
-    cr_way_share_arm(r->half_count, h, s->half);
+    cr_way_share_arm(r->half_count, h, w->half);
     return PARTS_OF_TAKEN + PARTS_OF_HALVES * r->half_count;
 }
 
@@ -399,9 +398,9 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
         if (work->left != 0u) {
             cr_way_go_on(&s);
         } else if (work->next < joined) {
-            work->spent += take_zone(&s, work->next++);
+            work->spent += take_zone(in->field->scene, zones, work, work->next++);
         } else if (work->next < agreed) {
-            work->spent += take_half(&s, work->next++ - joined);
+            work->spent += take_half(zones, work, work->next++ - joined);
         } else if (work->next < agreed + zones->count + in->set->hit_count) {
             work->next += (uint32_t)measure_step(&s, work->next - agreed, &planes, &cell);
         } else {
