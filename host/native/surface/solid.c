@@ -45,6 +45,9 @@ static double distance_to(const crb_planes *s, vec p) {
         height[k] = dot(normal_of(s, k), p) - s->sign * s->plane[4 * (int64_t)k + 3];
     }
     const int32_t first = highest(height, s->count, -1, -1);
+    if (first < 0) {
+        return HUGE_VAL; /* of no plane */
+    }
     const double a = height[first];
     if (a <= 0.0 || s->count < 2) {
         return s->sign * a;
