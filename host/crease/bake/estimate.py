@@ -15,7 +15,6 @@ from crease.bake.refine import Coarse, chosen
 from crease.bake.surface import Surface
 from crease.bake.voxmap import (
     BASE_LEVEL,
-    PROBE_SIDE,
     CellSorter,
     base_samples,
     choose_levels,
@@ -32,19 +31,19 @@ QUERY_S = 0.2e-6
 """An exact distance at least, on two threads; what more it takes is measured on the bricks looked at beforehand."""
 BRICK_S, PACK_S = 0.2e-3, 0.02e-3
 """Planes of a brick near the surface; records of a brick or a fine voxel."""
-CELL_S, SET_S = 10e-6, 0.025e-3
-"""Kind of a crease cell beside its distances; a set of facets that no other such cell sees."""
+CELL_S = 15e-6
+"""Kind of a crease cell at least; what it takes is measured on the bricks looked at beforehand."""
 CHECK_S, CHECK_QUERIES = 1e-3, 2200
 """Whether a brick has to be refined, and distances that it takes."""
-FINE_S, FINE_SHARE = 0.05e-3, 0.08
-"""Samples of a fine voxel, beside their distances; share of the crease cells that planes miss, and that become such."""
+FINE_S = 0.05e-3
+"""Samples of a fine voxel, beside their distances."""
 MEASURE_S, MEASURE_QUERIES = 0.1, 200_000
 """The errors of the finished image; distances that take as long as its own, which lie anywhere."""
 WRITE_S = 1e-6
 """Both meshes beside the image, a triangle."""
 SURVEY_S = 0.1
 """This estimate, beside its distances."""
-SURVEYED, CHECKED, PROBED = 48, 16, 4
+SURVEYED, CHECKED, PROBED = 48, 16, 16
 """Bricks that are looked at beforehand; those of them that are checked as for refining, and whose crease cells are
 probed, as the bake does."""
 
@@ -81,16 +80,28 @@ def foresee_voxmap(
     checked = open_[:: max(1, len(open_) // CHECKED)]
     work.foresee("surveying", phi.size + CHECK_QUERIES * len(checked), query_s)
     work.begin("surveying")
-    cells, sets = _crease_cells(surface, grid, some, phi, facet, tolerance_m)
+
+    def distance(at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return surface.signed_distance(at)[0]
+
+    cells, probed, missed, cell_s = _crease_cells(
+        work, surface, grid, some, phi, facet, tolerance_m
+    )
     judged = np.ones((len(some), *(n - 1 for n in phi.shape[1:])), bool)
     judged[tuple(cells.T)] = False
+    judged[tuple(probed.T)] = missed
     coarse = Coarse(grid, some, phi, judged, checked)
-    fine = FINE_SHARE * len(cells)
+    fine = 0.0
+    if len(probed):
+        bricks, row = np.unique(probed[:, 0], return_inverse=True)
+        marked = chosen(coarse, bricks, distance, tolerance_m)[row, *probed[:, 1:].T]
+        fine += np.mean(marked) * len(cells)
+    judged[tuple(probed.T)] = False
     if len(checked):
-        marked = chosen(coarse, checked, lambda at: surface.signed_distance(at)[0], tolerance_m)
+        marked = chosen(coarse, checked, distance, tolerance_m)
         fine += np.count_nonzero(marked) * len(open_) / len(checked)
     work.foresee("distances", len(where), phi[0].size * query_s)
-    work.foresee("creases", scale * len(cells), CELL_S + PROBE_SIDE**3 * query_s + sets * SET_S)
+    work.foresee("creases", scale * len(cells), cell_s)
     work.foresee("planes", len(where), BRICK_S)
     work.foresee("checking", scale * len(open_), CHECK_S + CHECK_QUERIES * query_s)
     work.foresee("refining", scale * fine, FINE_S + 125 * query_s)
@@ -99,18 +110,25 @@ def foresee_voxmap(
 
 
 def _crease_cells(
+    work: Forecast,
     surface: Surface,
     grid: Grid,
     where: npt.NDArray[np.int64],
     phi: npt.NDArray[np.float64],
     facet: npt.NDArray[np.int32],
     tolerance_m: float,
-) -> tuple[npt.NDArray[np.int64], float]:
-    """Cells of bricks whose kinds take probes, (n, 4), and how many sets of facets each sees that no other does."""
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_], float]:
+    """Cells of bricks whose kinds take probes; those probed here; which of these no planes describe; seconds for one.
+
+    Shapes: where (n, 3); cells (m, 4: brick, z, y, x).
+    """
     sorter = CellSorter(surface, grid, tolerance_m)
     _, hard = sorter.sort_plain(where, phi, facet)
     bricks = np.unique(hard[:, 0])
     probed = hard[np.isin(hard[:, 0], bricks[:: max(1, len(bricks) // PROBED)])]
     if len(probed) == 0:
-        return hard, 0.0
-    return hard, len(set(sorter.facets_seen(where, probed))) / len(probed)
+        return hard, probed, np.zeros(0, bool), CELL_S
+    pace, spent_s = work.pace(), -work.clock()
+    missed = sorter.missed_by_planes(where, probed)
+    spent_s += work.clock()
+    return hard, probed, missed, max(CELL_S, spent_s / pace / len(probed))

@@ -206,11 +206,13 @@ class CellSorter:
             result[brick[part], cell[part, 0], cell[part, 1], cell[part, 2]] = kinds
             tick(float(part[-1] + 1) / len(cell))
 
-    def facets_seen(
+    def missed_by_planes(
         self, where: npt.NDArray[np.int64], hard: npt.NDArray[np.int64]
-    ) -> list[tuple[int, ...]]:
-        """The facets nearest to some probe, of each of the cells `hard` (m, 4: brick, z, y, x)."""
-        return _sets(self._probes(where[hard[:, 0]] + hard[:, :0:-1] / CELLS_SIDE)[2])
+    ) -> npt.NDArray[np.bool_]:
+        """Whether no planes describe a cell, of the cells `hard` (m, 4: brick, z, y, x)."""
+        kinds = self._judge(*self._probes(where[hard[:, 0]] + hard[:, :0:-1] / CELLS_SIDE))
+        exact = int(lib.CR_KIND_CONVEX), int(lib.CR_KIND_CONCAVE)
+        return np.array([self.kinds.row(int(kind))[0] not in exact for kind in kinds])
 
     def _probes(self, low: F64) -> tuple[F64, F64, I32]:
         """Probes of cells, distances, facets there. Shapes: low (n, 3), in bricks; result (n, m, 3), (n, m) twice."""
