@@ -20,6 +20,7 @@ from crease.base.table import describe
 from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
 from crease.mesh.mend import mend_surface
+from crease.mesh.polygons import WITH_POLYGONS, parse_off, unfold
 
 STEP = (".step", ".stp")
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", *STEP)
@@ -237,13 +238,23 @@ def _parse_binary_stl(source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]
 
 
 def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Vertices and triangles as the file has them."""
+    """Vertices and triangles as the file has them, polygons cut into triangles."""
+    vertices, triangles = _parse_fans(path, source)
+    if path.suffix.lower() in WITH_POLYGONS:
+        return vertices, unfold(vertices, triangles)
+    return vertices, triangles
+
+
+def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Vertices and triangles as the file has them, polygons cut into fans."""
     if path.suffix.lower() == ".stl" and _is_binary_stl(source):
         return _parse_binary_stl(source)
     import trimesh
 
     try:
         kind = path.suffix.lower()[1:]
+        if kind == "off":
+            return parse_off(source.decode("latin-1"))
         with np.errstate(all="ignore"):  # numbers that are none are refused by who asks for these
             scene = trimesh.load_scene(
                 io.BytesIO(source), file_type=kind, process=False, skip_materials=True
