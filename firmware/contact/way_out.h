@@ -146,11 +146,12 @@ typedef struct {
 /* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m. */
 float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits);
 
-/* Those half-spaces that have a depth, and how far each leads along the normal of each other: 0 where it leads away. */
+/* Those half-spaces that have a depth, and how far each leads along the normal of each: 0 where it leads away. */
 typedef struct {
     uint32_t count, felt[CR_WAY_ZONES_MAX];
     uint32_t sweeps; /* made */
-    float still_m;   /* a sweep that moves none by more is the last */
+    float deepest_m;
+    float push_m[CR_WAY_ZONES_MAX]; /* so far */
     float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];
 } cr_way_along;
 

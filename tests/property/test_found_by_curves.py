@@ -20,6 +20,8 @@ FOUND = {
     "facets of a round surface are planes in some cells and round in others": ("torus", 0, 7),
     "the same where it bends both ways": ("saddle", 0, 18),
     "more planes than bound a half-space, the heaviest left out": ("involute", 2, 4),
+    "half-spaces of nearly one direction, the first of them preferred": ("torus", 2, 14),
+    "the same of a coarser one": ("torus", 1, 7),
 }
 
 
