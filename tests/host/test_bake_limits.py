@@ -15,8 +15,11 @@ import numpy as np
 import pytest
 import trimesh
 from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.kinds import Kinds
 from crease.bake.layout import read_sections
+from crease.bake.planes import BrickPlanes
 from crease.bake.surface import make_surface
+from crease.bake.voxmap import _merged
 from crease.base.native import lib
 from crease.base.scene import open_image
 from crease.base.units import parse_length, parse_size
@@ -36,10 +39,16 @@ def bake_args(folder: Path, block: Path, ball: Path) -> list[object]:
     "option", [("--spacing", "0.01mm"), ("--voxel", "0.02mm"), ("--voxel", "1um")]
 )
 def test_too_much_memory_is_refused_at_once_with_the_numbers(
-    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, option: tuple[str, str]
+    tmp_path: Path,
+    block_stl: Path,
+    ball_stl: Path,
+    crease: Run,
+    option: tuple[str, str],
 ) -> None:
     start_s = time.monotonic()
-    said = crease(*bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "2GiB")
+    said = crease(
+        *bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "2GiB"
+    )
     assert time.monotonic() - start_s < 20.0
     assert said.status == 1
     assert said.err.count("\n") == 1
@@ -50,9 +59,15 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
 
 @pytest.mark.parametrize("option", [("--spacing", "2mm"), ("--spacing", "9mm")])
 def test_memory_that_no_bake_fits_into_is_not_laid_on_the_spacing(
-    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, option: tuple[str, str]
+    tmp_path: Path,
+    block_stl: Path,
+    ball_stl: Path,
+    crease: Run,
+    option: tuple[str, str],
 ) -> None:
-    said = crease(*bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "1MB")
+    said = crease(
+        *bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "1MB"
+    )
     assert said.status == 1
     assert "; any bake takes over 286 MiB" in said.err
     assert " or more" not in said.err
@@ -75,14 +90,19 @@ def test_a_bare_number_is_in_the_unit_of_the_file(
     args = [*bake_args(tmp_path, block_stl, ball_stl), "--json", "--force"]
     with_unit = crease(*args, "--voxel", "2mm", "--spacing", "1.5mm").json
     bare = crease(*args, "--voxel", "2", "--spacing", "1.5").json
-    assert bare["bake"]["voxel_m"] == with_unit["bake"]["voxel_m"] == pytest.approx(2e-3, rel=1e-6)
+    assert (
+        bare["bake"]["voxel_m"]
+        == with_unit["bake"]["voxel_m"]
+        == pytest.approx(2e-3, rel=1e-6)
+    )
     assert bare["bake"]["spacing_m"] == with_unit["bake"]["spacing_m"]
     assert parse_length("2", 1e-3) == pytest.approx(2e-3)
     assert parse_length("2in", 1e-3) == pytest.approx(0.0508)
 
 
 @pytest.mark.parametrize(
-    ("text", "size"), [("4GiB", 4 * 2**30), ("500MB", 500_000_000), ("1.9 MiB", 1992294)]
+    ("text", "size"),
+    [("4GiB", 4 * 2**30), ("500MB", 500_000_000), ("1.9 MiB", 1992294)],
 )
 def test_sizes_are_bytes(text: str, size: int) -> None:
     assert parse_size(text) == size
@@ -92,7 +112,13 @@ def test_sizes_are_bytes(text: str, size: int) -> None:
 def test_a_tolerance_that_is_missed_is_said_and_strictly_refused(
     tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
-    args = [*bake_args(tmp_path, ball_stl, ball_stl), "--voxel", "4mm", "--spacing", "2mm"]
+    args = [
+        *bake_args(tmp_path, ball_stl, ball_stl),
+        "--voxel",
+        "4mm",
+        "--spacing",
+        "2mm",
+    ]
     said = crease(*args, "--tolerance", "1nm", "--json")
     assert said.status == 0
     missed = [w for w in said.json["warnings"] if "more than the tolerance of" in w]
@@ -109,7 +135,13 @@ def test_an_output_that_another_writes_is_refused_and_nothing_is_lost(
     tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
     """The other bake is played by this process: it holds the lock that `bake` takes."""
-    args = [*bake_args(tmp_path, block_stl, ball_stl), "--voxel", "4mm", "--spacing", "3mm"]
+    args = [
+        *bake_args(tmp_path, block_stl, ball_stl),
+        "--voxel",
+        "4mm",
+        "--spacing",
+        "3mm",
+    ]
     held = os.open(tmp_path / ".out.crs.lock", os.O_CREAT | os.O_RDWR)
     fcntl.flock(held, fcntl.LOCK_EX)
     said = crease(*args)
@@ -127,7 +159,10 @@ def test_a_bake_that_is_interrupted_leaves_nothing(
     tmp_path: Path, ball_stl: Path, number: signal.Signals
 ) -> None:
     """SIGTERM left the lock of the output, and libraries swallowed SIGINT while they were imported."""
-    command = [Path(sys.executable).parent / "crease", *bake_args(tmp_path, ball_stl, ball_stl)]
+    command = [
+        Path(sys.executable).parent / "crease",
+        *bake_args(tmp_path, ball_stl, ball_stl),
+    ]
     # A job in the background of a script has SIGINT ignored, and so had this child.
     kept = signal.signal(signal.SIGINT, signal.SIG_DFL)
     child = subprocess.Popen(
@@ -153,13 +188,21 @@ def test_an_image_that_cannot_be_written_leaves_no_bodies(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("crease.verbs.bake.write_bytes", interrupted)
-    args = [*bake_args(tmp_path, block_stl, ball_stl), "--voxel", "4mm", "--spacing", "3mm"]
+    args = [
+        *bake_args(tmp_path, block_stl, ball_stl),
+        "--voxel",
+        "4mm",
+        "--spacing",
+        "3mm",
+    ]
     assert main([str(word) for word in args]) == 1
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_the_same_bytes_with_any_number_of_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_same_bytes_with_any_number_of_workers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     ball = trimesh.creation.icosphere(4, radius=20.0)
     other = ball.copy().apply_translation([9.0, 4.0, 2.0])
     both = trimesh.util.concatenate([ball, other])
@@ -167,8 +210,12 @@ def test_the_same_bytes_with_any_number_of_workers(monkeypatch: pytest.MonkeyPat
     for threads in (1, 2, 5):
         for module in ("bake.surface", "bake.gather", "mesh.arrange"):
             monkeypatch.setattr(f"crease.{module}.THREADS", threads)
-        static, tool = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball))
-        images.add(bake_scene(static, tool, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image)
+        static, tool = (
+            make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball)
+        )
+        images.add(
+            bake_scene(static, tool, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image
+        )
     assert len(images) == 1
 
 
@@ -203,14 +250,17 @@ def test_an_image_gets_no_larger_than_wished() -> None:
     mesh = make_mesh(ball.vertices, ball.faces, 1e-3, source="ball")
     free = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3))
     room = len(free.image) // 2
-    fitted = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room))
+    fitted = bake_scene(
+        mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room)
+    )
     assert len(fitted.image) <= room
     assert any("image_max_bytes=" in note for note in fitted.warnings)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("shape", "most_bytes", "off_max_N"), [("block", 290_000, 0.01), ("cylinder", 590_000, 2.0)]
+    ("shape", "most_bytes", "off_max_N"),
+    [("block", 290_000, 0.01), ("cylinder", 590_000, 2.0)],
 )
 def test_above_the_depth_of_the_tool_the_force_is_the_same_to_the_bit(
     shape: str, most_bytes: int, off_max_N: float
@@ -225,7 +275,9 @@ def test_above_the_depth_of_the_tool_the_force_is_the_same_to_the_bit(
         else trimesh.creation.cylinder(20.0, 40.0, sections=96)
     )
     tool = trimesh.creation.icosphere(3, radius=8.0)
-    static, ball = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (solid, tool))
+    static, ball = (
+        make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (solid, tool)
+    )
     depth_m = np.linspace(-1e-3, 18e-3, 191)
     place_m = np.zeros((len(depth_m), 3))
     if shape == "block":
@@ -252,7 +304,12 @@ def test_above_the_depth_of_the_tool_the_force_is_the_same_to_the_bit(
 
 
 def test_creases_of_a_machined_part_are_not_noise() -> None:
-    part = trimesh.creation.box(extents=(20.0, 20.0, 20.0)).subdivide().subdivide().subdivide()
+    part = (
+        trimesh.creation.box(extents=(20.0, 20.0, 20.0))
+        .subdivide()
+        .subdivide()
+        .subdivide()
+    )
     from crease.bake.bake import noise_warning
 
     mesh = make_mesh(part.vertices, part.faces, 1e-3, source="part")
@@ -275,8 +332,35 @@ def test_kinds_of_cells_are_merged_until_they_fit(
     merged = bake_scene(mesh, mesh, options)
     sections = read_sections(np.frombuffer(merged.image, np.uint8))
     kinds, cells = sections[int(lib.CR_SEC_KINDS)], sections[int(lib.CR_SEC_CELLS)]
-    assert len(read_sections(np.frombuffer(free.image, np.uint8))[int(lib.CR_SEC_KINDS)]) > most
+    assert (
+        len(read_sections(np.frombuffer(free.image, np.uint8))[int(lib.CR_SEC_KINDS)])
+        > most
+    )
     assert len(kinds) <= most
     assert cells.view(np.uint16).max() < len(kinds)
     open_image(merged.image, "merged")
-    assert merged.report["error_max_m"] == pytest.approx(free.report["error_max_m"], rel=0.5)
+    assert merged.report["error_max_m"] == pytest.approx(
+        free.report["error_max_m"], rel=0.5
+    )
+
+
+def test_a_brick_that_loses_planes_to_merging_has_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those of its own facets and those of its neighbours' go together, or the image is none."""
+    ball = trimesh.creation.icosphere(1, radius=20.0)
+    kinds = Kinds(
+        make_surface(make_mesh(ball.vertices, ball.faces, 1e-3, source="ball"), 30.0)
+    )
+    flat = kinds.index(int(lib.CR_KIND_PLANAR), (kinds.planar(0),))
+    bent = kinds.index(int(lib.CR_KIND_CURVED), (kinds.curved(0),))
+    edge = kinds.index(int(lib.CR_KIND_CONVEX), (kinds.planar(0), kinds.planar(1)))
+    monkeypatch.setattr(
+        kinds, "merged", lambda _voxel_m: np.array([0, bent, bent, edge], np.int32)
+    )
+    planes = BrickPlanes(
+        np.array([flat, edge, flat], np.int32), np.array([edge, edge, 0], np.int32)
+    )
+    cells, left = _merged(kinds, np.array([flat, edge], np.int32), planes, 1e-3)
+    assert cells.tolist() == [bent, edge]
+    assert left.least.tolist() == [0, edge, 0] and left.most.tolist() == [0, edge, 0]

@@ -431,7 +431,8 @@ def _merged(
     place = kinds.merged(voxel_m)
     plane_kinds = (lib.CR_KIND_PLANAR, lib.CR_KIND_CONVEX, lib.CR_KIND_CONCAVE)
     has_planes = np.array([kinds.row(i)[0] in plane_kinds for i in range(len(kinds))])
-    least, most = (np.where(has_planes[place[k]], place[k], 0) for k in (planes.least, planes.most))
+    both = has_planes[place[planes.least]] & has_planes[place[planes.most]]
+    least, most = (np.where(both, place[k], 0) for k in (planes.least, planes.most))
     return place[cells], BrickPlanes(least.astype(np.int32), most.astype(np.int32))
 
 
