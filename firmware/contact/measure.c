@@ -14,12 +14,14 @@
 #define PARTS_OF_SHARE 32u
 #define PARTS_OF_FACET 8u
 #define PARTS_OF_PLANE 48u
-/* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in the sweeps of a half-space;
- * compared with another, or its side with another; a pair of half-spaces. */
+/* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a step of a half-space that is
+ * made, in a sweep of that, and of its sides, each compared with each; compared with another; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
 #define PARTS_OF_RELATED 20u
 #define PARTS_OF_LED 4u
+#define PARTS_OF_TURN 10u
 #define PARTS_OF_SWEEP 7u
+#define PARTS_OF_SIDES 2u
 #define PARTS_OF_SAME 1u
 #define PARTS_OF_HALVES 4u
 
@@ -345,21 +347,37 @@ enum { RELATE, LEAD, JOIN, ZONE_PASSES };
 /* And over these before hits are measured. */
 enum { AGREE, SHARE, HALF_PASSES };
 
-/* One zone of a pass. Returns its work, in parts. */
-static uint32_t take_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w, uint32_t step) {
+/* A zone joins: step by step where its half-space is made. */
+static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w, uint32_t z) {
     cr_way_relations *r = &w->relations;
-    const uint32_t n = zones->count, pass = step / n, z = step % n;
+    if (w->left == 0u) {
+        const uint32_t halves = r->half_count;
+        w->left = cr_way_join(scene, zones, z, r, w->half, &w->cone);
+        w->next += (uint32_t)(w->left == 0u);
+        return PARTS_OF_TAKEN + zones->count * (PARTS_OF_RELATED + PARTS_OF_SAME * halves);
+    }
+    const uint32_t related = count_lanes(w->left);
+    if (cr_way_turn(zones, z, r, w->half, &w->cone)) {
+        w->left = 0u;
+        w->next++;
+        return PARTS_OF_TURN + PARTS_OF_SIDES * related * related;
+    }
+    return PARTS_OF_TURN + PARTS_OF_SWEEP * related;
+}
+
+/* A step of a pass over the zones. Returns its work, in parts. */
+static uint32_t take_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w) {
+    cr_way_relations *r = &w->relations;
+    const uint32_t n = zones->count, pass = w->next / n, z = w->next % n;
+    if (pass == JOIN) {
+        return join_zone(scene, zones, w, z);
+    }
+    w->next++;
     if (pass == RELATE) {
         cr_way_relate(scene, zones, z, r);
         return PARTS_OF_TAKEN + PARTS_OF_RELATED * z;
     }
-    if (pass == LEAD) {
-        return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
-    }
-    const uint32_t halves = r->half_count, sweeps = cr_way_join(scene, zones, z, r, w->half);
-    const uint32_t sides = sweeps != 0u ? n : 0u;
-    return PARTS_OF_TAKEN +
-           n * (PARTS_OF_RELATED + PARTS_OF_SAME * halves + PARTS_OF_SWEEP * sweeps + PARTS_OF_SAME * sides);
+    return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
 }
 
 /* One half-space of a pass. */
@@ -395,10 +413,10 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
     planes.count = cell.count = 0u;
     while (!is_whole && work->spent / CR_WORK_PARTS < lookups_max) {
         const uint32_t agreed = joined + HALF_PASSES * work->relations.half_count; /* once they have joined */
-        if (work->left != 0u) {
+        if (work->next < joined) {
+            work->spent += take_zone(in->field->scene, zones, work);
+        } else if (work->left != 0u) {
             cr_way_go_on(&s);
-        } else if (work->next < joined) {
-            work->spent += take_zone(in->field->scene, zones, work, work->next++);
         } else if (work->next < agreed) {
             work->spent += take_half(zones, work, work->next++ - joined);
         } else if (work->next < agreed + zones->count + in->set->hit_count) {

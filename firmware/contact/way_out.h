@@ -118,10 +118,23 @@ void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zo
 /* Purpose  how far a zone leads, once all are related.   Output  lead.   Returns  zones that it is related to. */
 uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);
 
-/* Purpose  the half-space of a zone, made when none of those before has the same relations: normal, own arm, bounds; no depth yet.
- * Shapes   halves[CR_WAY_ZONES_MAX].   Returns  sweeps it took to make it; 0: it was there. */
+/* A half-space that is made: its sum on the way into the cone of the normals of its zones. */
+typedef struct {
+    uint32_t zones;           /* bits */
+    uint32_t limited, sweeps; /* projections that are done, sweeps of the one in hand */
+    float per_weight, trusted, seen, bent;
+    cr_vec3 sum, left; /* what is still outside */
+    float alpha[CR_WAY_ZONES_MAX], held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
+} cr_way_cone;
+
+/* Purpose  the half-space of a zone, begun when none of those before has the same relations: own zones, bounds; no depth yet.
+ * Shapes   halves[CR_WAY_ZONES_MAX].   Returns  0: it was there; else the zones that it is made of, as bits: call cr_way_turn until that is 1. */
 uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations,
-                     cr_way_half *halves);
+                     cr_way_half *halves, cr_way_cone *cone);
+
+/* Purpose  normal and own arm of the half-space that a zone has begun: a sweep of the projection, or the end.   Returns  1: they are known; 0: call again. */
+int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *relations, cr_way_half *halves,
+                cr_way_cone *cone);
 
 /* Purpose  how far a half-space is open, once all zones have joined.   Returns  zones whose relations were compared with its own. */
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,
@@ -215,7 +228,7 @@ typedef struct {
 typedef struct {
     uint32_t next;  /* the step that comes next: passes over zones, then hits are measured */
     uint32_t spent; /* work of this tick, in parts */
-    uint32_t left;  /* lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
+    uint32_t left;  /* zones that a half-space is made of, while it is; then lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
     uint32_t surfaces, surfaces_done;   /* that the hit in hand is over: met in this tick, and done; */
     uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
     uint32_t moved;                     /* 1: something of the hit was done in this tick */
@@ -227,6 +240,7 @@ typedef struct {
     float depth_m[CR_WAY_ZONES_MAX], push_m[CR_WAY_ZONES_MAX];
     uint32_t area[CR_WAY_ZONES_MAX]; /* and their contacts, or CR_HIT_NONE */
     union {
+        cr_way_cone cone;            /* while zones join, */
         cr_way_scratch scratch;      /* while it is measured, */
         cr_way_along along;          /* and after; */
         cr_area areas[CR_AREAS_MAX]; /* what is answered, where nobody asks for more than the pushes */
