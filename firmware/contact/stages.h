@@ -196,9 +196,14 @@ typedef struct {
 } cr_way_layer;
 #define CR_WAY_LAYERS_MAX 12u
 
+/* Steps of what a hit is inside of: its planes; or the surface of all lanes that were looked up, or else cell by cell, what the others reach, and lane by lane; all of them fade; layer by
+ * layer they come into the zones. */
+enum { CR_WAY_PLANES, CR_WAY_COMMON, CR_WAY_CELLS, CR_WAY_BESIDE, CR_WAY_FADE, CR_WAY_ADD };
+
 typedef struct {
     uint32_t count, dropped;
-    uint32_t parts;   /* of work, that were made of the cluster */
+    uint32_t step;    /* the next one; from CR_WAY_ADD on a layer each */
+    uint32_t parts;   /* of work, of the last one */
     uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
     uint32_t left;    /* lanes that are in none yet */
     cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
@@ -234,14 +239,15 @@ typedef struct {
 /* Purpose  room for one more hit of a cluster, its places not set; null, and counted, when all are taken. */
 cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats);
 
-/* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones".
- * Output   1: all of it; 0: call cr_way_add_more until it is.   Cost  layers.parts. */
-int cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-               const cr_looked *looked);
+/* Purpose  begin to add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones". */
+void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked);
 
-/* Purpose  the next step of that: lanes of one cell, or all zones.   Shapes  looked: what was looked up, as for cr_way_add. */
+/* Purpose  the next step of that.   Shapes  looked: as for cr_way_add.   Output  1: it was the last; 0: call again.   Cost  layers.parts. */
 int cr_way_add_more(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
                     const cr_looked *looked);
+
+/* Purpose  whether some of a hit is in the zones, and not all.   Output  of the last hit. */
+static inline int cr_way_is_halfway(const cr_way_layers *l) { return l->step > CR_WAY_ADD; }
 
 /* Height of a sample above the plane normal . p + offset, m. */
 static inline float height_above(const struct cr_img_cluster *c, int i, cr_vec3 normal, float offset_m) {
@@ -312,11 +318,22 @@ typedef struct {
     cr_lookup centres;
 } cr_batch;
 
-/* What was looked up of the cluster in hand. */
+/* What is known of the cluster in hand. */
 typedef struct {
-    cr_lanes3 world;
-    cr_lookup at;
+    uint32_t slot; /* its sphere, as in cr_motion, */
+    int lane;      /* and in the batch */
     float coverage[CR_LANES];
+    const cr_planes *planes; /* null: it was looked up */
+    union {
+        struct {
+            cr_planes alone;
+            cr_heights heights;
+        };
+        struct {
+            cr_lanes3 world;
+            cr_lookup at;
+        };
+    };
 } cr_in_hand;
 
 /* Where a search stands between two ticks. */
@@ -324,14 +341,17 @@ typedef struct {
     uint32_t open;  /* 1: begun and not at its end */
     uint32_t calls; /* that it has taken so far */
     uint32_t spent; /* work of this call, in parts */
-    uint32_t depth; /* levels in use */
+    uint32_t entering; /* 1: the root of the tree is yet to be seen */
+    uint32_t depth;    /* levels in use */
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
     uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
     uint32_t looked_up;      /* 0, or as many as wait: they are in the batch */
     uint32_t visited;        /* of these, those that were looked at */
     cr_batch batch;
-    uint32_t adding; /* 1: what the last hit is inside of is not all in zones yet */
+    uint32_t covering; /* 1: a cluster was looked up, and not yet told what of it is covered */
+    uint32_t adding;   /* 1: what the last hit is inside of is not all in zones yet */
+    cr_planes planes; /* those that the last cluster on planes lay at */
     cr_in_hand in_hand;
 } cr_descent;
 
@@ -340,7 +360,7 @@ void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
 /* Purpose  the clusters of the shell that reach into the static object, in ascending order, and the zones they are inside of.
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
- *          again with the same pose and the same motion until it is 1, at most options->slices_max times.
+ *          again with the same pose and the same motion until it is 1, at most options->slices_max times, and until the last hit is in zones.
  * Errors   none: capacities are counted in stats.
  * Cost     search->spent, at most a step more than options->lookups_max.   Source  DESIGN.md "Detect" [2][3]. */
 int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,
