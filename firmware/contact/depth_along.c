@@ -30,7 +30,7 @@
 #define PARTS_OF_ZONE 96u
 #define PARTS_OF_HALF 24u
 #define PARTS_OF_WAYS 64u
-#define PARTS_OF_LANE 3u
+#define PARTS_OF_LANE 4u
 #define PARTS_OF_ROW 8u
 #define PARTS_OF_EXIT 8u
 #define PARTS_OF_PLACE 20u
@@ -196,7 +196,7 @@ static void march(const cr_way_survey *s) {
         place->z[i] = from->z[i] + to.z * r->gone_m[i];
     }
     cr_field_look_up_lanes(s->in->field, place, r->marching, found);
-    s->work->spent += PARTS_OF_MARCH + PARTS_OF_MARCHING * count_lanes(r->marching) + CR_PARTS_OF_MEETING * found->planes;
+    s->work->spent += PARTS_OF_MARCH + PARTS_OF_MARCHING * cr_count_lanes(r->marching) + CR_PARTS_OF_MEETING * found->planes;
     for (uint32_t left = r->marching; left != 0u;) {
         const int i = take_lane(&left);
         const int inside = found->phi_m[i] < -MARCH_END * r->c->ramp[i];
@@ -222,7 +222,7 @@ void cr_way_go_on(const cr_way_survey *s) {
         uint32_t places = 1u;
         const float way_m = planes > 0u ? way_by_planes(r, i, &places) : way_of_lane(scratch, i, &places);
         r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
-        w->spent += PARTS_OF_EXIT * exits + places * (PARTS_OF_PLACE + PARTS_OF_FIRST * exits);
+        w->spent += PARTS_OF_EXIT * (1u + exits) + places * (PARTS_OF_PLACE + PARTS_OF_FIRST * exits);
     }
 }
 
@@ -299,7 +299,7 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
         steep |= (uint32_t)(w->steep[i] >= trusted) << i;
     }
     left &= lanes & ~w->plain;
-    s->work->spent += PARTS_OF_WAYS + PARTS_OF_ROW * e->count + 2u * PARTS_OF_LANE * count_lanes(lanes) * (1u + e->count);
+    s->work->spent += PARTS_OF_WAYS + PARTS_OF_ROW * e->count + 2u * PARTS_OF_LANE * cr_count_lanes(lanes) * (2u + e->count);
     if (left != 0u) {
         wait_for(s, at, left, left & ~steep, half, most);
     }
@@ -322,7 +322,7 @@ static int is_next(const cr_way_survey *s, uint32_t lanes) {
     }
     w->done++;
     w->moved = 1u;
-    w->spent += PARTS_OF_HALF + PARTS_OF_LANE * count_lanes(lanes);
+    w->spent += PARTS_OF_HALF + PARTS_OF_LANE * cr_count_lanes(lanes);
     return 1;
 }
 
@@ -346,7 +346,7 @@ static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32
                 const int i = take_lane(&left);
                 share[i] *= nearness(s, at, i, b);
             }
-            s->work->spent += 2u * PARTS_OF_LANE * count_lanes(longer);
+            s->work->spent += 2u * PARTS_OF_LANE * cr_count_lanes(longer);
             longer = find_longer(at, longer, share, half);
         }
         count_for(s, at, longer, share, half);

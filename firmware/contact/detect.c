@@ -15,18 +15,27 @@
 #define WAKE_NOW (-1.0f)
 /* Work, in lookups of 16 points: to look at a cluster over cells of the image. */
 #define WORK_OF_CELLS 2u
-/* In parts of a unit: at one over planes, beside each of them; a group of the tree that is entered. */
-#define PARTS_OF_POINTS 160u
+/* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is woken, and that is entered. */
+#define PARTS_OF_STEP 6u
+#define PARTS_OF_AROUND 48u
+#define PARTS_OF_POINTS 112u
 #define PARTS_OF_PLANE 32u
+#define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
 
+/* All spheres wake when the tree is seen next: in free space that costs nothing. */
 static void forget(cr_motion *m) {
     m->slide_m = m->slide_lost_m = 0.0f;
     m->turn_rad = m->turn_lost_rad = 0.0f;
     m->root_wake_m = WAKE_NOW;
+    m->stale = 1u;
+}
+
+static void wake_all(cr_motion *m) {
     for (uint32_t i = 0; i < m->wake_count; i++) {
         m->wake_m[i] = WAKE_NOW;
     }
+    m->stale = 0u;
 }
 
 /* Adds to an odometer, and what its last bits could not take the next time: many small steps are not nothing. Source  Kahan 1965. */
@@ -164,7 +173,7 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->near = (uint16_t)l->near;
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
-    w->set->contacts += count_lanes(l->inside);
+    w->set->contacts += cr_count_lanes(l->inside);
     cr_way_add(w->set, w->set->hit_count - 1u, l);
     w->search->adding = 1u;
 }
@@ -311,6 +320,7 @@ static void look_at_points(walk *w, const leaf *f, uint32_t slot, const cr_batch
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
     const uint32_t kind = cr_planes_around(w->field, centre, f->reach_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
+    w->search->spent += PARTS_OF_AROUND;
     if (kind == 0u) {
         look_up_points(w, f->cluster, slot, lane);
         return;
@@ -335,7 +345,7 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
         moved[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i];
     }
     uint32_t asleep = lanes_where_below(moved, wake) & mask;
-    w->stats->nodes_coherent += count_lanes(asleep);
+    w->stats->nodes_coherent += cr_count_lanes(asleep);
     return mask & ~asleep;
 }
 
@@ -417,7 +427,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     }
     cr_lanes3 world;
     cr_lookup centres;
-    w->stats->nodes += count_lanes(lanes);
+    w->stats->nodes += cr_count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     look_up(w, &world, lanes, &centres);
     for (uint32_t left = lanes; left != 0u;) {
@@ -464,7 +474,11 @@ static void descend(walk *w) {
 static int walk_on(walk *w) {
     cr_descent *s = w->search;
     while (s->spent / CR_WORK_PARTS < w->options->lookups_max) {
-        if (s->entering != 0u) {
+        s->spent += PARTS_OF_STEP;
+        if (w->motion->stale != 0u) {
+            wake_all(w->motion);
+            s->spent += PARTS_OF_WAKE * w->scene->group_count;
+        } else if (s->entering != 0u) {
             s->entering = 0u;
             enter_group(w, 0u);
         } else if (s->covering != 0u) {
@@ -513,36 +527,40 @@ static int tool_is_free(walk *w) {
 static void give_up(walk *w) {
     cr_descent *s = w->search;
     w->stats->clusters_dropped += s->waiting - s->visited + s->adding + s->covering;
-    w->set->contacts -= s->adding != 0u ? count_lanes(w->set->hits[w->set->hit_count - 1u].inside) : 0u;
+    w->set->contacts -= s->adding != 0u ? cr_count_lanes(w->set->hits[w->set->hit_count - 1u].inside) : 0u;
     w->set->hit_count -= s->adding;
     for (uint32_t i = 0; i < s->depth; i++) {
-        w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
+        w->stats->clusters_dropped += cr_count_lanes(s->stack[i].lanes);
     }
     s->depth = s->waiting = s->looked_up = s->visited = s->adding = s->covering = 0u;
+}
+
+static void begin_search(cr_descent *search, cr_contact_set *set) {
+    search->depth = search->waiting = search->looked_up = search->visited = 0u;
+    search->adding = search->covering = search->calls = 0u;
+    search->entering = 1u;
+    search->planes.kind = 0u;
+    set->way.dropped = set->way.layers.dropped = 0u;
+#ifdef CR_RIVALS
+    set->touch_count = 0u;
+#endif
 }
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_descent *search, cr_contact_set *set, cr_stats *stats) {
     walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f};
-    float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
-    w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
-    w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
+    const float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
+    const float rounding = ROUNDING_M + 1e-6f * scale;
+    w.slack_out_m = field->scene->meta->error_out_m + rounding;
     search->spent = 0u;
     if (!search->open) {
-        search->depth = search->waiting = search->looked_up = search->visited = 0u;
-        search->adding = search->covering = search->calls = 0u;
-        search->entering = 1u;
-        search->planes.kind = 0u;
-        set->hit_count = 0u;
-        set->contacts = 0u;
-        set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
-#ifdef CR_RIVALS
-        set->touch_count = 0u;
-#endif
+        set->hit_count = set->contacts = set->way.count = 0u;
         if (tool_is_free(&w)) {
             return 1;
         }
+        begin_search(search, set);
     }
+    w.slack_in_m = field->scene->meta->error_in_m + rounding;
     w.apart_m = apart_of(field->scene->meta);
     search->open = !walk_on(&w);
     search->calls++;

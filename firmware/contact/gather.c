@@ -112,7 +112,7 @@ static void add_next(const cr_scene *s, const xform *pose, cr_contact_set *set, 
     cr_way_layers *l = &set->way.layers;
     for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
         add_layer(s, pose, c, slot, l, k, hit, &set->way);
-        l->parts += PARTS_OF_LAYER + PARTS_OF_LANE * count_lanes(l->layers[k].lanes & c->piece_lanes[slot]) +
+        l->parts += PARTS_OF_LAYER + PARTS_OF_LANE * cr_count_lanes(l->layers[k].lanes & c->piece_lanes[slot]) +
                     PARTS_OF_SIDE * (l->layers[k].side == CR_WAY_SIDES ? CR_WAY_SIDES : 1u);
     }
 }

@@ -15,11 +15,13 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
-/* Work, in parts of a unit: of a lane, but for its facets; of each plane or facet that a lane may count for, and each layer that it does; of a wall that lanes are behind, beside that; of a cell's planes. */
-#define PARTS_OF_LANE 16u
-#define PARTS_OF_SHARE 8u
-#define PARTS_OF_WALL 80u
-#define PARTS_OF_PLANE 64u
+/* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, twice over several; of each plane that a lane may count for, and two more, or each
+ * facet twice; of a facet that it is deep below; of a layer that something counts for; of one that is made; of a cell, and each of its planes; of a lane that may fade, and each layer of it. */
+#define PARTS_OF_LANE 12u
+#define PARTS_OF_SHARE 9u
+#define PARTS_OF_MADE 24u
+#define PARTS_OF_PLANE 32u
+#define PARTS_OF_FADED 2u
 /* A spread of normals of which nothing follows. */
 #define NO_SPREAD 3.0f
 
@@ -37,6 +39,7 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
         return NULL;
     }
     cr_way_layer *made = &l->layers[l->count++];
+    l->parts += PARTS_OF_MADE;
     made->surface = surface;
     made->side = side;
     made->patch = patch;
@@ -121,7 +124,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
                                  uint32_t *asked) {
     const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage);
     float total = 0.0f;
-    out->parts += PARTS_OF_SHARE * (1u + p->count);
+    out->parts += PARTS_OF_SHARE * (2u + p->count);
     for (uint32_t k = 0; k < p->count; k++) {
         total += share_of(c, i, h, k);
     }
@@ -144,7 +147,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
 static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                               const cr_heights *h, cr_way_layers *out) {
     float height_m[CR_LANES];
-    out->parts += PARTS_OF_WALL * p->count;
+    out->parts += PARTS_OF_LANE * p->count * (1u + cr_count_lanes(out->near));
     for (uint32_t k = 0; k < p->count; k++) {
         cr_way_layer *wall = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
         if (wall != NULL) {
@@ -164,6 +167,7 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     }
     if (p->count == 1u) {
         cr_way_layer *floor = layer_of(out, p->facet[0], 0u, s->facets[p->facet[0]].patch);
+        out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
         if (floor != NULL) {
             fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
         }
@@ -231,7 +235,7 @@ static void fill_looked_up(const cr_field *f, const cr_way_facets *on, int i, cr
     } else if (on->count == 0u) {
         lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
     }
-    out->parts += PARTS_OF_SHARE * on->count;
+    out->parts += 2u * PARTS_OF_SHARE * on->count;
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
@@ -304,6 +308,7 @@ static void fill_common(const cr_field *f, const xform *pose, const struct cr_im
     const int curved = (surface & CR_WAY_CURVED) != 0u;
     const uint32_t patch = curved ? surface & ~CR_WAY_CURVED : f->scene->facets[surface].patch;
     cr_way_layer *layer = layer_of(out, surface, curved ? CR_WAY_SIDES : 0u, patch);
+    out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
     if (layer != NULL && curved) {
         fill_curved(c, lanes, at, g, out, layer);
     } else if (layer != NULL) {
@@ -379,7 +384,7 @@ static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr
     uint32_t first = lanes;
     cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
     cr_planes_measure(&planes, c, &heights);
-    out->parts += PARTS_OF_PLANE * planes.count;
+    out->parts += PARTS_OF_PLANE * (1u + planes.count);
     cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
 }
 
@@ -389,7 +394,7 @@ static void fill_over_samples(const cr_field *f, const cr_looked *l, int i, cr_w
     const part in = part_below(l->c, i, lane_of(&out->normal, i), at->phi_m[i]);
     cr_way_facets on;
     out->full_m[i] = in.depth_m;
-    out->parts += PARTS_OF_LANE;
+    out->parts += 2u * PARTS_OF_LANE;
     cr_way_facets_of(f, at, i, lane_of(l->world, i), &on);
     fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
                    l->coverage[i], out);
@@ -398,7 +403,7 @@ static void fill_over_samples(const cr_field *f, const cr_looked *l, int i, cr_w
 /* All lanes over one surface, or none of them. */
 static void fill_all(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
     const uint32_t surface = cr_way_common(f, l->at, out->left);
-    out->parts += PARTS_OF_LANE * count_lanes(out->near);
+    out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
     cr_way_normals(pose, l->at, out->near | 1u, &out->normal); /* the first is what others are compared with */
     if (surface != CR_WAY_NONE) {
         fill_common(f, pose, l->c, out->left, surface, l->at, &out->normal, out);
@@ -436,7 +441,7 @@ void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         float depth = 0.0f, moved = 0.0f, seen = 0.0f;
-        l->parts += l->count;
+        l->parts += PARTS_OF_FADED * (1u + l->count);
         for (uint32_t k = 0; k < l->count; k++) {
             depth += l->layers[k].depth_m[i];
         }

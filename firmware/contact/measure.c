@@ -6,21 +6,21 @@
 
 /* Work, in lookups of 16 points: of a hit that is looked up again. */
 #define WORK_OF_LOOKUP 2u
-/* In parts of a unit: a step, whatever it does; a zone that a hit is asked for, whether it may be deeper, beside pairs of zones and half-spaces; a lane that is told what it is
+/* In parts of a unit: a step, whatever it does; a zone, or a half-space, that a hit is asked for, whether it may be deeper, beside pairs of zones; a lane that is told what it is
  * over; a surface that is met, and that is begun, beside zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known, each of them. */
-#define PARTS_OF_STEP 4u
-#define PARTS_OF_ASKED 2u
+#define PARTS_OF_STEP 8u
+#define PARTS_OF_ASKED 3u
 #define PARTS_OF_TOLD 12u
 #define PARTS_OF_MET 4u
 #define PARTS_OF_SURFACE 8u
-#define PARTS_OF_SHARE 32u
+#define PARTS_OF_SHARE 56u
 #define PARTS_OF_FACET 8u
 #define PARTS_OF_PLANE 48u
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
  * half-space that is made, and one more; of its sides, each compared with each; compared with another; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
-#define PARTS_OF_RELATED 20u
-#define PARTS_OF_LED 4u
+#define PARTS_OF_RELATED 32u
+#define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
 #define PARTS_OF_SIDES 2u
 #define PARTS_OF_SAME 1u
@@ -132,12 +132,19 @@ static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, 
     }
 }
 
+/* When the work of this tick is done the rest of the sides wait, as half-spaces do. */
+static int ends_at_side(const cr_way_survey *s) {
+    const int waits = cr_way_waits(s);
+    s->work->seen += (uint32_t)waits;
+    return waits;
+}
+
 /* Lanes over a curved surface, each by its own plane, for those sides that have a zone and their normals a part of. */
 static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
                         const cr_lookup *look, const float *share) {
     float part[CR_LANES];
     at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), look->phi_m};
-    while (sides != 0u) {
+    while (sides != 0u && !ends_at_side(s)) {
         const uint32_t side = (uint32_t)take_lane(&sides);
         uint32_t on = 0u;
         s->work->spent += PARTS_OF_SHARE;
@@ -246,7 +253,7 @@ static void tell(const cr_way_survey *s, uint32_t lanes) {
     cr_way_shares *on = &s->scratch->shares;
     on->far = on->count = 0u;
     on->common = cr_way_common(s->in->field, look, lanes);
-    s->work->spent += PARTS_OF_TOLD * count_lanes(lanes);
+    s->work->spent += PARTS_OF_TOLD * cr_count_lanes(lanes);
     if (on->common == CR_WAY_NONE) {
         share_cells(s, lanes & ~look->on_planes);
     }
@@ -296,13 +303,12 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
     cr_way_scratch *scratch = s->scratch;
     w->surfaces = w->moved = 0u;
     if (hit->planes != 0u) {
-        w->known = CR_WAY_TOLD;
         if (planes->kind != hit->planes) {
             cr_planes_turn(s->in->field->scene, s->in->world_from_tool, hit->planes, planes);
         }
         w->spent += PARTS_OF_PLANE * planes->count;
         over_planes(s, c, lanes, planes);
-    } else if (w->known == CR_WAY_UNKNOWN) {
+    } else if (w->known == CR_WAY_ASKED) {
         w->known = CR_WAY_LOOKED_UP;
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
         cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
@@ -340,7 +346,7 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
 static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     for (uint32_t left = halves_of(s, reach); left != 0u;) {
         const cr_way_half *half = &s->half[take_lane(&left)];
-        s->work->spent++;
+        s->work->spent += PARTS_OF_ASKED;
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
         if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
             return 1;
@@ -349,20 +355,25 @@ static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     return 0;
 }
 
-/* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the step is done. */
+/* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the hit is done. */
 static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes, cr_planes *cell) {
+    cr_way_work *w = s->work;
     const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
-    uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
+    uint32_t *measured = &w->measured[hit >> 5], bit = 1u << (hit & 31u);
     CR_ASSERT(hit < s->in->set->hit_count);
-    /* what has been begun is ended: the answer is the same however it is cut */
-    if ((*measured & bit) == 0u &&
-        (s->work->known != CR_WAY_UNKNOWN || may_be_deeper(s, &s->zones->reach[hit])) &&
-        !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
-        return 0;
+    if ((*measured & bit) == 0u) {
+        /* what has been begun is ended: the answer is the same however it is cut */
+        if (w->known == CR_WAY_UNKNOWN && may_be_deeper(s, &s->zones->reach[hit])) {
+            w->known = CR_WAY_ASKED;
+            return 0;
+        }
+        if (w->known != CR_WAY_UNKNOWN && !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
+            return 0;
+        }
     }
     *measured |= bit;
-    s->work->known = CR_WAY_UNKNOWN;
-    s->work->done = s->work->surfaces_done = 0u;
+    w->known = CR_WAY_UNKNOWN;
+    w->done = w->surfaces_done = 0u;
     return 1;
 }
 
@@ -380,11 +391,11 @@ static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_w
         w->next += (uint32_t)(w->left == 0u);
         return PARTS_OF_TAKEN + zones->count * (PARTS_OF_RELATED + PARTS_OF_SAME * halves);
     }
-    const uint32_t related = count_lanes(w->left);
+    const uint32_t related = cr_count_lanes(w->left);
     if (cr_way_turn(zones, z, r, w->half, &w->cone)) {
         w->left = 0u;
         w->next++;
-        return PARTS_OF_SIDES * related * related;
+        return PARTS_OF_SIDES * related * (1u + related);
     }
     return PARTS_OF_SWEEP * (1u + related);
 }

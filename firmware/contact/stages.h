@@ -13,8 +13,8 @@
 /* Work is counted in lookups of 16 points, where no planes meet, and summed in parts of one. */
 #define CR_WORK_PARTS 256u
 /* Parts of a unit: of a lane that is looked up where planes meet, each of them; of a lane that planes cut, or where they are turned for one, each of them. */
-#define CR_PARTS_OF_MEETING 8u
-#define CR_PARTS_OF_CUT 10u
+#define CR_PARTS_OF_MEETING 14u
+#define CR_PARTS_OF_CUT 16u
 
 /* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
 typedef struct {
@@ -292,6 +292,7 @@ typedef struct {
     float slide_lost_m, turn_lost_rad; /* of them, what their last bits could not take */
     cr_pose last;                      /* where the last search began */
     uint32_t valid;
+    uint32_t stale; /* 1: what is below was found before the odometers began anew */
     float root_wake_m;
     float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */
     uint32_t wake_count;

@@ -216,8 +216,8 @@ typedef struct {
     cr_way_shares shares;
 } cr_way_scratch;
 
-/* What is known of the hit in hand: nothing, what was looked up, and what it is over. */
-enum { CR_WAY_UNKNOWN, CR_WAY_LOOKED_UP, CR_WAY_TOLD };
+/* What is known of the hit in hand: nothing, that it may be deeper, what was looked up, and what it is over. */
+enum { CR_WAY_UNKNOWN, CR_WAY_ASKED, CR_WAY_LOOKED_UP, CR_WAY_TOLD };
 
 #define CR_WAY_MEASURED ((CR_CLUSTERS_MAX + 31u) / 32u)
 
@@ -231,7 +231,7 @@ typedef struct {
     uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
     uint32_t moved;                     /* 1: something of the hit was done in this tick */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
-    uint32_t resolving;                 /* 1: all are; */
+    uint32_t resolving;                 /* all are, and so far: answer.c */
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
@@ -300,7 +300,8 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
  * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the step that takes it to lookups_max. */
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
 
-/* Purpose  how much each half-space pushes, once all is measured.   Output  1 when it is known; with 0 call again.   Cost  as cr_way_measure; ends with a sweep. */
+/* Purpose  how much each half-space pushes, once all is measured.   Output  1 when it is known and some work is left, to answer; with 0 call again.
+ * Cost     as cr_way_measure; ends with a sweep. */
 int cr_way_push(cr_way_work *work, uint32_t lookups_max);
 
 /* Purpose  the response, of what pushes.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */
