@@ -110,7 +110,7 @@ static void begin_push(cr_way_work *work) {
     work->spent += PARTS_OF_PAIR * (count + work->along.count * work->along.count);
 }
 
-static void sweep(cr_way_work *work) {
+static void sweep_pushes(cr_way_work *work) {
     if (cr_way_resolve_sweep(work->depth_m, &work->along, work->push_m)) {
         work->resolving = CR_WAY_RESOLVED;
     }
@@ -123,7 +123,7 @@ int cr_way_push(cr_way_work *work, uint32_t lookups_max) {
         if (work->resolving == CR_WAY_MEASURING) {
             begin_push(work);
         } else if (work->resolving == CR_WAY_SWEEPING) {
-            sweep(work);
+            sweep_pushes(work);
         } else {
             is_whole = 1;
         }

@@ -23,9 +23,9 @@
 /* Less than any cosine: no plane of this lane. */
 #define NO_PLANE (-2.0f)
 
-/* Work, in parts of a unit: a side of a surface, and each zone that its lanes are of; a half-space that they may count for, and again where they do; planes that bound them there; a lane that
- * is asked for one, twice where it is near another zone, counts, or is bounded by a plane; a plane of those that bound them; an exit of a lane that waits, a place
- * on its piece that is looked at, and each exit from there; a step of a march, and each lane that marches. */
+/* Work, in parts of a unit: a side of a surface, and each zone that its lanes are of; a half-space that they may count for, and again where they do; planes
+ * that bound them there; a lane that is asked for one, twice where it is near another zone, counts, or is bounded by a plane; a plane of those that bound
+ * them; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each lane that marches. */
 #define PARTS_OF_SIDE 96u
 #define PARTS_OF_ZONE 96u
 #define PARTS_OF_HALF 24u
@@ -196,7 +196,8 @@ static void march(const cr_way_survey *s) {
         place->z[i] = from->z[i] + to.z * r->gone_m[i];
     }
     cr_field_look_up_lanes(s->in->field, place, r->marching, found);
-    s->work->spent += PARTS_OF_MARCH + PARTS_OF_MARCHING * cr_count_lanes(r->marching) + CR_PARTS_OF_MEETING * found->planes;
+    s->work->spent +=
+        PARTS_OF_MARCH + PARTS_OF_MARCHING * cr_count_lanes(r->marching) + CR_PARTS_OF_MEETING * found->planes;
     for (uint32_t left = r->marching; left != 0u;) {
         const int i = take_lane(&left);
         const int inside = found->phi_m[i] < -MARCH_END * r->c->ramp[i];
@@ -299,7 +300,8 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
         steep |= (uint32_t)(w->steep[i] >= trusted) << i;
     }
     left &= lanes & ~w->plain;
-    s->work->spent += PARTS_OF_WAYS + PARTS_OF_ROW * e->count + 2u * PARTS_OF_LANE * cr_count_lanes(lanes) * (2u + e->count);
+    s->work->spent +=
+        PARTS_OF_WAYS + PARTS_OF_ROW * e->count + 2u * PARTS_OF_LANE * cr_count_lanes(lanes) * (2u + e->count);
     if (left != 0u) {
         wait_for(s, at, left, left & ~steep, half, most);
     }
@@ -314,15 +316,15 @@ static float nearness(const cr_way_survey *s, const cr_way_spots *at, int i, uin
     return clamp_f((2.0f * mine + ramp - its) / (mine + ramp), 0.0f, 1.0f) * clamp_f(its / ramp, 0.0f, 1.0f);
 }
 
-/* Is it the turn of the next half-space that lanes over the surface in hand count for? Those of an earlier tick are passed over. */
-static int is_next(const cr_way_survey *s, uint32_t lanes) {
+/* Is it the turn of the next half-space that lanes over the surface in hand count for, by so much work? Those of an earlier tick are passed over. */
+static int is_next(const cr_way_survey *s, uint32_t parts) {
     cr_way_work *w = s->work;
     if (w->seen++ < w->done || cr_way_waits(s)) {
         return 0;
     }
     w->done++;
     w->moved = 1u;
-    w->spent += PARTS_OF_HALF + PARTS_OF_LANE * cr_count_lanes(lanes);
+    w->spent += parts;
     return 1;
 }
 
@@ -330,11 +332,12 @@ static int is_next(const cr_way_survey *s, uint32_t lanes) {
 static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, uint32_t z,
                           const float *part) {
     const cr_way_relations *r = s->relations;
+    const uint32_t parts = PARTS_OF_HALF + PARTS_OF_LANE * cr_count_lanes(lanes);
     for (uint32_t b = 0; b < s->zones->count; b++) {
         const float most = b == z ? r->lead[z] : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
         cr_way_half *half = &s->half[r->half_of[b]];
         float *share = s->scratch->rest.part;
-        if (!(most > 0.0f && is_next(s, lanes))) {
+        if (!(most > 0.0f && is_next(s, parts))) {
             continue;
         }
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {

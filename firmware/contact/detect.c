@@ -15,13 +15,15 @@
 #define WAKE_NOW (-1.0f)
 /* Work, in lookups of 16 points: to look at a cluster over cells of the image. */
 #define WORK_OF_CELLS 2u
-/* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is woken, and that is entered. */
+/* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is
+ * woken, and that is entered; a leaf. */
 #define PARTS_OF_STEP 6u
 #define PARTS_OF_AROUND 48u
-#define PARTS_OF_POINTS 112u
+#define PARTS_OF_POINTS 176u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
+#define PARTS_OF_LEAF 1u
 
 /* All spheres wake when the tree is seen next: in free space that costs nothing. */
 static void forget(cr_motion *m) {
@@ -175,7 +177,7 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += cr_count_lanes(l->inside);
     cr_way_add(w->set, w->set->hit_count - 1u, l);
-    w->search->adding = 1u;
+    w->search->hand = CR_HAND_ADDING;
 }
 
 /* More of what the last hit is inside of. */
@@ -183,7 +185,7 @@ static void add_next(walk *w) {
     cr_descent *s = w->search;
     const uint32_t hit = w->set->hit_count - 1u;
     const cr_looked looked = looked_at(w, w->set->hits[hit].cluster);
-    s->adding = (uint32_t)!cr_way_add_more(w->field, w->pose, w->set, hit, &looked);
+    s->hand = cr_way_add_more(w->field, w->pose, w->set, hit, &looked) ? CR_HAND_EMPTY : CR_HAND_ADDING;
     s->spent += w->set->way.layers.parts;
 }
 
@@ -201,7 +203,7 @@ static void look_up_points(walk *w, uint32_t cluster, uint32_t slot, int lane) {
     in->slot = slot;
     in->lane = lane;
     in->planes = NULL;
-    w->search->covering = 1u;
+    w->search->hand = CR_HAND_LOOKED_UP;
 }
 
 /* What is covered of a cluster that was looked up. Returns how far the tool may move before it needs another look; 0 when it is in contact. */
@@ -252,8 +254,7 @@ static float cover_cut_lane(const walk *w, const struct cr_img_cluster *c, const
 }
 
 /* A sphere is free until the tool has moved so far from here. */
-static void let_sleep(const walk *w, uint32_t slot, float clearance_m) {
-    const float rho = w->scene->groups[slot / CR_LANES].rho[slot % CR_LANES];
+static void let_sleep(const walk *w, uint32_t slot, float rho, float clearance_m) {
     w->motion->wake_m[slot] = w->motion->slide_m + w->motion->turn_rad * rho + clearance_m * 0.999999f;
 }
 
@@ -261,7 +262,7 @@ static void let_sleep(const walk *w, uint32_t slot, float clearance_m) {
 typedef struct {
     uint32_t cluster;
     cr_vec3 centre_m;
-    float radius_m, reach_m; /* reach: with the margin */
+    float radius_m, reach_m, rho; /* reach: with the margin */
 } leaf;
 
 /* The answer asks for each of several walls that meet concavely; a response of rivals/ for the nearest. */
@@ -285,15 +286,16 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     const cr_planes *p = each ? all : cr_planes_alone(all, f->centre_m, f->radius_m, w->apart_m, &in->alone);
     cr_planes_measure(p, c, h);
     in->planes = p;
-    uint32_t full = (p->sign < 0.0f ? ~(h->below | h->cut) : h->below) & used, covered = full, inside = full, near = full;
+    uint32_t full = (p->sign < 0.0f ? ~(h->below | h->cut) : h->below) & used, covered = full, inside = full,
+             near = full;
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
-    w->search->spent += PARTS_OF_POINTS + PARTS_OF_PLANE * p->count;
-    for (uint32_t left = h->cut & used; left != 0u;) {
+    const uint32_t cut = h->cut & used;
+    w->search->spent += PARTS_OF_POINTS + (PARTS_OF_PLANE + CR_PARTS_OF_CUT * cr_count_lanes(cut)) * p->count;
+    for (uint32_t left = cut; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;
-        w->search->spent += CR_PARTS_OF_CUT * p->count;
         coverage[i] = cover_cut_lane(w, c, p, h, i, &phi_m);
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
@@ -330,7 +332,7 @@ static void look_at_points(walk *w, const leaf *f, uint32_t slot, const cr_batch
         cr_planes_turn(w->scene, w->pose, kind, planes);
         w->search->spent += CR_PARTS_OF_CUT * planes->count;
     }
-    let_sleep(w, slot, measure_points(w, f, b, lane));
+    let_sleep(w, slot, f->rho, measure_points(w, f, b, lane));
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
@@ -359,11 +361,12 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
     f.centre_m = v3(g->x[at], g->y[at], g->z[at]);
     f.radius_m = g->radius[at];
     f.reach_m = f.radius_m + g->margin[at];
+    f.rho = g->rho[at];
     const float phi = b->centres.phi_m[lane];
     if (w->options->skip & CR_SKIP_TREE) {
         float clearance = phi - f.reach_m - w->slack_out_m;
         if (clearance > 0.0f) {
-            let_sleep(w, slot, clearance);
+            let_sleep(w, slot, f.rho, clearance);
             return;
         }
         if (-phi > f.reach_m + w->slack_in_m) {
@@ -415,8 +418,9 @@ static void cover_next(walk *w) {
     cr_descent *s = w->search;
     const uint32_t slot = s->in_hand.slot;
     const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
-    s->covering = 0u;
-    let_sleep(w, slot, cover_points(w, g->child[slot % CR_LANES], &s->batch, s->in_hand.lane));
+    const uint32_t at = slot % CR_LANES;
+    s->hand = CR_HAND_EMPTY;
+    let_sleep(w, slot, g->rho[at], cover_points(w, g->child[at], &s->batch, s->in_hand.lane));
 }
 
 /* Look at the spheres of an inner group: free lanes go to sleep; returns those to descend into. */
@@ -434,7 +438,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
         int i = take_lane(&left);
         float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
         if (clearance > 0.0f) {
-            let_sleep(w, group * CR_LANES + (uint32_t)i, clearance);
+            let_sleep(w, group * CR_LANES + (uint32_t)i, g->rho[i], clearance);
             lanes &= ~(1u << i);
         }
     }
@@ -452,7 +456,7 @@ static void enter_group(walk *w, uint32_t group) {
     level->lanes = g->leaf ? lanes : find_open(w, group, lanes);
 }
 
-/* Into the next child of the group in hand; a leaf sphere waits until 16 of them are looked up together. */
+/* Into the next child of the group in hand; leaf spheres wait until 16 of them are looked up together. */
 static void descend(walk *w) {
     cr_descent *s = w->search;
     cr_search_level *level = &s->stack[s->depth - 1u];
@@ -460,13 +464,38 @@ static void descend(walk *w) {
         s->depth--;
         return;
     }
-    const int lane = take_lane(&level->lanes);
     const struct cr_img_group *g = &w->scene->groups[level->group];
-    if (g->leaf) {
-        CR_ASSERT(s->waiting < CR_LANES && s->looked_up == 0u);
-        s->slot[s->waiting++] = level->group * CR_LANES + (uint32_t)lane;
+    if (g->leaf == 0u) {
+        enter_group(w, g->child[take_lane(&level->lanes)]);
+        return;
+    }
+    CR_ASSERT(s->waiting < CR_LANES && s->looked_up == 0u);
+    while (level->lanes != 0u && s->waiting < CR_LANES) {
+        s->slot[s->waiting++] = level->group * CR_LANES + (uint32_t)take_lane(&level->lanes);
+        s->spent += PARTS_OF_LEAF;
+    }
+}
+
+/* The root of the tree: once all spheres are awake, where they have to be. */
+static void begin_next(walk *w) {
+    cr_descent *s = w->search;
+    if (w->motion->stale != 0u) {
+        wake_all(w->motion);
+        s->spent += PARTS_OF_WAKE * w->scene->group_count;
     } else {
-        enter_group(w, g->child[lane]);
+        s->hand = CR_HAND_EMPTY;
+        enter_group(w, 0u);
+    }
+}
+
+static void go_on_in_hand(walk *w) {
+    const uint32_t hand = w->search->hand;
+    if (hand == CR_HAND_ADDING) {
+        add_next(w);
+    } else if (hand == CR_HAND_LOOKED_UP) {
+        cover_next(w);
+    } else {
+        begin_next(w);
     }
 }
 
@@ -475,16 +504,8 @@ static int walk_on(walk *w) {
     cr_descent *s = w->search;
     while (s->spent / CR_WORK_PARTS < w->options->lookups_max) {
         s->spent += PARTS_OF_STEP;
-        if (w->motion->stale != 0u) {
-            wake_all(w->motion);
-            s->spent += PARTS_OF_WAKE * w->scene->group_count;
-        } else if (s->entering != 0u) {
-            s->entering = 0u;
-            enter_group(w, 0u);
-        } else if (s->covering != 0u) {
-            cover_next(w);
-        } else if (s->adding != 0u) {
-            add_next(w);
+        if (s->hand != CR_HAND_EMPTY) {
+            go_on_in_hand(w);
         } else if (s->looked_up > 0u) {
             visit_next(w);
         } else if (s->waiting == CR_LANES || (s->depth == 0u && s->waiting > 0u)) {
@@ -495,7 +516,7 @@ static int walk_on(walk *w) {
             return 1;
         }
     }
-    return s->depth == 0u && s->waiting == 0u && s->adding + s->covering + s->entering == 0u;
+    return s->depth == 0u && s->waiting == 0u && s->hand == CR_HAND_EMPTY;
 }
 
 static int tool_is_free(walk *w) {
@@ -526,19 +547,21 @@ static int tool_is_free(walk *w) {
 /* The pose of this search has become too old: what was not seen is left out. */
 static void give_up(walk *w) {
     cr_descent *s = w->search;
-    w->stats->clusters_dropped += s->waiting - s->visited + s->adding + s->covering;
-    w->set->contacts -= s->adding != 0u ? cr_count_lanes(w->set->hits[w->set->hit_count - 1u].inside) : 0u;
-    w->set->hit_count -= s->adding;
+    w->stats->clusters_dropped += s->waiting - s->visited + (uint32_t)(s->hand != CR_HAND_EMPTY);
+    if (s->hand == CR_HAND_ADDING) {
+        w->set->hit_count--;
+        w->set->contacts -= cr_count_lanes(w->set->hits[w->set->hit_count].inside);
+    }
     for (uint32_t i = 0; i < s->depth; i++) {
         w->stats->clusters_dropped += cr_count_lanes(s->stack[i].lanes);
     }
-    s->depth = s->waiting = s->looked_up = s->visited = s->adding = s->covering = 0u;
+    s->depth = s->waiting = s->looked_up = s->visited = s->hand = 0u;
 }
 
 static void begin_search(cr_descent *search, cr_contact_set *set) {
     search->depth = search->waiting = search->looked_up = search->visited = 0u;
-    search->adding = search->covering = search->calls = 0u;
-    search->entering = 1u;
+    search->calls = 0u;
+    search->hand = CR_HAND_ROOT;
     search->planes.kind = 0u;
     set->way.dropped = set->way.layers.dropped = 0u;
 #ifdef CR_RIVALS
@@ -565,10 +588,10 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
     search->open = !walk_on(&w);
     search->calls++;
     if (search->open && search->calls >= options->slices_max &&
-        !(search->adding != 0u && cr_way_is_halfway(&set->way.layers))) {
+        !(search->hand == CR_HAND_ADDING && cr_way_is_halfway(&set->way.layers))) {
         give_up(&w);
         search->open = 0u;
     }
-    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u && search->adding == 0u));
+    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u && search->hand == CR_HAND_EMPTY));
     return !search->open;
 }

@@ -1,9 +1,8 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* Work, in parts of a unit: of a layer that is added to the zones of one piece, each of its lanes, and each side. */
-#define PARTS_OF_LAYER 32u
-#define PARTS_OF_LANE 5u
+/* Work, in parts of a unit: of a layer that is added to the zones of one piece, and each of its sides. */
+#define PARTS_OF_LAYER 96u
 #define PARTS_OF_SIDE 32u
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
@@ -107,13 +106,12 @@ const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c,
 }
 
 /* One layer of a hit, into the zones of its pieces. */
-static void add_next(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit, uint32_t k) {
+static void add_one_layer(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit, uint32_t k) {
     const struct cr_img_cluster *c = &s->clusters[set->hits[hit].cluster];
     cr_way_layers *l = &set->way.layers;
     for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
         add_layer(s, pose, c, slot, l, k, hit, &set->way);
-        l->parts += PARTS_OF_LAYER + PARTS_OF_LANE * cr_count_lanes(l->layers[k].lanes & c->piece_lanes[slot]) +
-                    PARTS_OF_SIDE * (l->layers[k].side == CR_WAY_SIDES ? CR_WAY_SIDES : 1u);
+        l->parts += PARTS_OF_LAYER + PARTS_OF_SIDE * (l->layers[k].side == CR_WAY_SIDES ? CR_WAY_SIDES : 1u);
     }
 }
 
@@ -143,7 +141,7 @@ int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, u
         set->way.reach[hit] = l->reach;
         l->step = CR_WAY_ADD;
     } else {
-        add_next(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);
+        add_one_layer(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);
     }
     return l->step >= CR_WAY_ADD && l->step - CR_WAY_ADD == l->count;
 }

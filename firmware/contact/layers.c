@@ -15,8 +15,9 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
-/* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, twice over several; of each plane that a lane may count for, and two more, or each
- * facet twice; of a facet that it is deep below; of a layer that something counts for; of one that is made; of a cell, and each of its planes; of a lane that may fade, and each layer of it. */
+/* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, twice over several; of each plane that a lane may count for, and
+ * two more, or each facet twice; of a facet that it is deep below; of a layer that something counts for; of one that is made; of a cell, and each of its
+ * planes; of a lane that may fade, and each layer of it. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
 #define PARTS_OF_MADE 24u
@@ -438,10 +439,10 @@ static float depth_of_bricks(const struct cr_img_meta *m) {
  * surfaces that they are over to none. */
 void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
     const float most_m = depth_of_bricks(s->meta), voxel_m = s->meta->voxel_m;
+    l->parts += PARTS_OF_FADED * (1u + l->count) * cr_count_lanes(lanes);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         float depth = 0.0f, moved = 0.0f, seen = 0.0f;
-        l->parts += PARTS_OF_FADED * (1u + l->count);
         for (uint32_t k = 0; k < l->count; k++) {
             depth += l->layers[k].depth_m[i];
         }

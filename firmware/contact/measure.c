@@ -4,12 +4,14 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
-/* Work, in lookups of 16 points: of a hit that is looked up again. */
-#define WORK_OF_LOOKUP 2u
-/* In parts of a unit: a step, whatever it does; a zone, or a half-space, that a hit is asked for, whether it may be deeper, beside pairs of zones; a lane that is told what it is
- * over; a surface that is met, and that is begun, beside zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known, each of them. */
+/* Work, in parts of a unit: a hit that is looked up again, beside planes that meet there; a step, whatever it does; a zone that a hit is asked for, whether
+ * it may be deeper, and a pair with another, with their half-spaces; a lane that is told what it is over; a surface that is met, and that is begun, beside
+ * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known,
+ * each of them. */
+#define PARTS_OF_LOOKUP 512u
 #define PARTS_OF_STEP 8u
-#define PARTS_OF_ASKED 3u
+#define PARTS_OF_ASKED 6u
+#define PARTS_OF_PAIR 2u
 #define PARTS_OF_TOLD 12u
 #define PARTS_OF_MET 4u
 #define PARTS_OF_SURFACE 8u
@@ -313,7 +315,7 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
         cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
         cr_way_normals(s->in->world_from_tool, &scratch->look, lanes, &scratch->normal);
-        w->spent += CR_WORK_PARTS * WORK_OF_LOOKUP + CR_PARTS_OF_MEETING * scratch->look.planes;
+        w->spent += PARTS_OF_LOOKUP + CR_PARTS_OF_MEETING * scratch->look.planes;
         return 0;
     } else if (w->known == CR_WAY_LOOKED_UP) {
         w->known = CR_WAY_TOLD;
@@ -333,7 +335,7 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
         const uint32_t z = (uint32_t)take_lane(&left);
         CR_ASSERT(z < s->zones->count && r->half_of[z] < r->half_count);
         halves |= 1u << r->half_of[z];
-        pairs += PARTS_OF_ASKED + (r->lead[z] < 1.0f ? s->zones->count : 0u);
+        pairs += PARTS_OF_ASKED + (r->lead[z] < 1.0f ? PARTS_OF_PAIR * s->zones->count : 0u);
         for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
             halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
         }
@@ -346,7 +348,6 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
 static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     for (uint32_t left = halves_of(s, reach); left != 0u;) {
         const cr_way_half *half = &s->half[take_lane(&left)];
-        s->work->spent += PARTS_OF_ASKED;
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
         if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
             return 1;
@@ -365,7 +366,6 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
         /* what has been begun is ended: the answer is the same however it is cut */
         if (w->known == CR_WAY_UNKNOWN && may_be_deeper(s, &s->zones->reach[hit])) {
             w->known = CR_WAY_ASKED;
-            return 0;
         }
         if (w->known != CR_WAY_UNKNOWN && !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
             return 0;

@@ -149,8 +149,8 @@ static cr_vec3 favour_large(uint32_t zones, const cr_vec3 *unit, const float *al
     return sum;
 }
 
-/* The projection begins: alphas that make a sum of the normals, each at most limit times its zone's share of the weight. A normal that is related by a part only is
- * held back. */
+/* The projection begins: alphas that make a sum of the normals, each at most limit times its zone's share of the weight. A normal that is related by a part
+ * only is held back. */
 static void begin_projection(const cr_way_zones *zones, const float *part, float limit, cr_way_cone *cone) {
     cone->sweeps = 0u;
     for (uint32_t left = cone->zones; left != 0u;) {
@@ -262,7 +262,7 @@ static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const flo
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     out->weight_m3 = weight;
-    out->own_m = v3_scale(turn, per_weight); /* yet of the sum, */
+    out->own_m = v3_scale(turn, per_weight);   /* yet of the sum, */
     out->arm_m = v3_scale(centre, per_weight); /* and the middle */
     cone->per_weight = per_weight;
     cone->trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
@@ -277,13 +277,12 @@ static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const flo
     begin_projection(zones, part, NO_LIMIT, cone);
 }
 
-/* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond sampling
- * error, and where most of what is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
+/* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond
+ * sampling error, and where most of what is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
 static void end_half(const cr_vec3 *unit, const cr_way_cone *cone, cr_way_half *out) {
     const float size = v3_norm(cone->sum), per_left = size / max_f(v3_norm(cone->left), 1e-30f);
-    const cr_vec3 way =
-        v3_mad(favour_large(cone->zones, unit, cone->alpha), cone->left,
-               cone->trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, cone->bent * per_left)));
+    const cr_vec3 way = v3_mad(favour_large(cone->zones, unit, cone->alpha), cone->left,
+                               cone->trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, cone->bent * per_left)));
     const float length = v3_norm(way),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
     const cr_vec3 turn = v3_add(out->own_m, v3_cross(out->arm_m, v3_sub(way, cone->sum)));

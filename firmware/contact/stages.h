@@ -196,8 +196,8 @@ typedef struct {
 } cr_way_layer;
 #define CR_WAY_LAYERS_MAX 12u
 
-/* Steps of what a hit is inside of: its planes; or the surface of all lanes that were looked up, or else cell by cell, what the others reach, and lane by lane; all of them fade; layer by
- * layer they come into the zones. */
+/* Steps of what a hit is inside of: its planes; or the surface of all lanes that were looked up, or else cell by cell, what the others reach, and lane by
+ * lane; all of them fade; layer by layer they come into the zones. */
 enum { CR_WAY_PLANES, CR_WAY_COMMON, CR_WAY_CELLS, CR_WAY_BESIDE, CR_WAY_FADE, CR_WAY_ADD };
 
 typedef struct {
@@ -337,21 +337,23 @@ typedef struct {
     };
 } cr_in_hand;
 
+/* Nothing; the root of the tree, which is yet to be seen; a cluster that was looked up, and not yet told what of it is covered; the last hit, which is not
+ * all in zones yet. */
+enum { CR_HAND_EMPTY, CR_HAND_ROOT, CR_HAND_LOOKED_UP, CR_HAND_ADDING };
+
 /* Where a search stands between two ticks. */
 typedef struct {
     uint32_t open;  /* 1: begun and not at its end */
     uint32_t calls; /* that it has taken so far */
     uint32_t spent; /* work of this call, in parts */
-    uint32_t entering; /* 1: the root of the tree is yet to be seen */
-    uint32_t depth;    /* levels in use */
+    uint32_t depth; /* levels in use */
     cr_search_level stack[CR_TREE_DEPTH_MAX];
     uint32_t waiting;        /* leaf spheres that were reached and not yet looked at */
     uint32_t slot[CR_LANES]; /* of these, 16 group + lane, as in cr_motion */
     uint32_t looked_up;      /* 0, or as many as wait: they are in the batch */
     uint32_t visited;        /* of these, those that were looked at */
     cr_batch batch;
-    uint32_t covering; /* 1: a cluster was looked up, and not yet told what of it is covered */
-    uint32_t adding;   /* 1: what the last hit is inside of is not all in zones yet */
+    uint32_t hand;    /* CR_HAND_*: what comes first */
     cr_planes planes; /* those that the last cluster on planes lay at */
     cr_in_hand in_hand;
 } cr_descent;

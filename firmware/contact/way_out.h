@@ -225,7 +225,8 @@ enum { CR_WAY_UNKNOWN, CR_WAY_ASKED, CR_WAY_LOOKED_UP, CR_WAY_TOLD };
 typedef struct {
     uint32_t next;  /* the step that comes next: passes over zones, then hits are measured */
     uint32_t spent; /* work of this tick, in parts */
-    uint32_t left;  /* zones that a half-space is made of, while it is; then lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
+    uint32_t
+        left; /* zones that a half-space is made of, while it is; then lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
     uint32_t known;                     /* of the hit in hand: CR_WAY_UNKNOWN and so on; */
     uint32_t surfaces, surfaces_done;   /* that it is over: met in this tick, and done; */
     uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
