@@ -1,9 +1,10 @@
 /* answer: the stages in their order, and the contacts they make. */
 #include "contact/way_out.h"
 
-/* Work, in lookups of 16 points: pairs of half-spaces that are resolved, and half-spaces that are reported, one in so many. */
-#define PAIRS_OF_WORK 256u
-#define HALVES_OF_WORK 2u
+/* Work, in parts of a unit: a half-space in a sweep, beside pairs of them, so many a part; a pair before the first. */
+#define PARTS_OF_HALF 2u
+#define PAIRS_OF_PART 2u
+#define PARTS_OF_PAIR 2u
 /* Normals that differ by less are one, m/m: a few times the rounding of a turn. Without it a flat wall pushes sideways, by 1.2e-6 N at up to 3 mm:
  * tests/property/test_invariants.py. */
 #define SAME_NORMAL 1e-6f
@@ -93,7 +94,8 @@ static void label_zones(cr_way_zones *zones, const cr_way_relations *r, const cr
     }
 }
 
-static void count_pairs(cr_way_work *work, uint32_t pairs) { work->spent += pairs * (CR_WORK_PARTS / PAIRS_OF_WORK); }
+/* How far it is resolved which half-spaces push. */
+enum { CR_WAY_MEASURING, CR_WAY_SWEEPING, CR_WAY_RESOLVED };
 
 static void begin_push(cr_way_work *work) {
     const cr_way_half *half = work->half;
@@ -104,22 +106,29 @@ static void begin_push(cr_way_work *work) {
         work->depth_m[h] = v3_dot(n, n) <= 0.5f ? 0.0f : half[h].depth_m * half[h].open;
     }
     cr_way_resolve_begin(work->normal, work->depth_m, count, &work->along, work->push_m);
-    work->resolving = 1u;
-    count_pairs(work, 2u * work->along.count * work->along.count);
-    work->spent += CR_WORK_PARTS / HALVES_OF_WORK * count; /* to be reported */
+    work->resolving = CR_WAY_SWEEPING;
+    work->spent += PARTS_OF_PAIR * (count + work->along.count * work->along.count);
+}
+
+static void sweep_pushes(cr_way_work *work) {
+    if (cr_way_resolve_sweep(work->depth_m, &work->along, work->push_m)) {
+        work->resolving = CR_WAY_RESOLVED;
+    }
+    work->spent += work->along.count * (PARTS_OF_HALF + work->along.count / PAIRS_OF_PART) + 1u;
 }
 
 int cr_way_push(cr_way_work *work, uint32_t lookups_max) {
-    int still = 0;
-    while (!still && work->spent / CR_WORK_PARTS < lookups_max) {
-        if (work->resolving == 0u) {
+    int is_whole = 0;
+    while (!is_whole && work->spent / CR_WORK_PARTS < lookups_max) {
+        if (work->resolving == CR_WAY_MEASURING) {
             begin_push(work);
+        } else if (work->resolving == CR_WAY_SWEEPING) {
+            sweep_pushes(work);
         } else {
-            still = cr_way_resolve_sweep(work->depth_m, &work->along, work->push_m);
-            count_pairs(work, work->along.count * work->along.count);
+            is_whole = 1;
         }
     }
-    return still;
+    return is_whole;
 }
 
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {

@@ -23,15 +23,20 @@
 /* Less than any cosine: no plane of this lane. */
 #define NO_PLANE (-2.0f)
 
-/* Work, in lookups of 16 points: of lanes whose longest way is looked for on their pieces, and of the exits of those where it takes all, one in so many; of
- * half-spaces that lanes may count for. */
-#define LANES_OF_WORK 4u
-#define EXITS_OF_WORK 8u
-#define HALVES_OF_WORK 2u
-/* In parts of a unit: a side of a surface that has zones, and each of these that its lanes are of; a plane of those that bound a half-space at some lanes. */
+/* Work, in parts of a unit: a side of a surface, and each zone that its lanes are of; a half-space that they may count for, and again where they do; planes
+ * that bound them there; a lane that is asked for one, twice where it is near another zone, counts, or is bounded by a plane; a plane of those that bound
+ * them; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each lane that marches. */
 #define PARTS_OF_SIDE 96u
-#define PARTS_OF_ZONE 128u
+#define PARTS_OF_ZONE 96u
+#define PARTS_OF_HALF 24u
+#define PARTS_OF_WAYS 64u
+#define PARTS_OF_LANE 4u
 #define PARTS_OF_ROW 8u
+#define PARTS_OF_EXIT 8u
+#define PARTS_OF_PLACE 20u
+#define PARTS_OF_FIRST 2u
+#define PARTS_OF_MARCH 64u
+#define PARTS_OF_MARCHING 20u
 
 /* Is a plane among those that are known at some lanes? */
 static int is_known(const cr_way_spots *at, uint32_t facet) {
@@ -151,7 +156,7 @@ static float sure_of(const cr_way_half *half, float steep) {
 }
 
 /* One lane in full: anywhere on its piece; where the normal hardly leaves through the planes by what a march found. */
-static float way_of_lane(const cr_way_scratch *scratch, int i) {
+static float way_of_lane(const cr_way_scratch *scratch, int i, uint32_t *places) {
     const cr_way_rest *r = &scratch->rest;
     const cr_way_rows *e = &scratch->rows;
     cr_way_exits exits;
@@ -164,17 +169,17 @@ static float way_of_lane(const cr_way_scratch *scratch, int i) {
         }
     }
     const float most_m = FAR_MAX * r->half->deep_m + r->c->ramp[i],
-                way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits)) : most_m;
+                way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits, places)) : most_m;
     const float sure = sure_of(r->half, scratch->ways.steep[i]);
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(r->gone_m[i], way_m) : way_m;
 }
 
 /* The same of one that leaves through planes alone, which are the exits of all lanes. */
-static float way_by_planes(cr_way_rest *r, int i) {
+static float way_by_planes(cr_way_rest *r, int i, uint32_t *places) {
     for (uint32_t k = 0; k < r->exits.count; k++) {
         r->exits.height_m[k] = r->height_m[k][i];
     }
-    return min_f(FAR_MAX * r->half->deep_m + r->c->ramp[i], cr_way_longest(r->c, i, &r->exits));
+    return min_f(FAR_MAX * r->half->deep_m + r->c->ramp[i], cr_way_longest(r->c, i, &r->exits, places));
 }
 
 /* One step of a march: how far along the normal each of some lanes has to go until it is outside, in steps as long as the distance. */
@@ -191,7 +196,8 @@ static void march(const cr_way_survey *s) {
         place->z[i] = from->z[i] + to.z * r->gone_m[i];
     }
     cr_field_look_up_lanes(s->in->field, place, r->marching, found);
-    s->work->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * found->planes;
+    s->work->spent +=
+        PARTS_OF_MARCH + PARTS_OF_MARCHING * cr_count_lanes(r->marching) + CR_PARTS_OF_MEETING * found->planes;
     for (uint32_t left = r->marching; left != 0u;) {
         const int i = take_lane(&left);
         const int inside = found->phi_m[i] < -MARCH_END * r->c->ramp[i];
@@ -207,16 +213,17 @@ void cr_way_go_on(const cr_way_survey *s) {
     cr_way_scratch *scratch = s->scratch;
     cr_way_rest *r = &scratch->rest;
     CR_ASSERT(w->left != 0u && (r->marching & ~w->left) == 0u);
-    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : scratch->rows.count + 2u;
+    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : scratch->rows.count;
     while (w->left != 0u && !cr_way_waits(s)) {
         if (r->marching != 0u) {
             march(s);
             continue;
         }
         const int i = take_lane(&w->left);
-        const float way_m = planes > 0u ? way_by_planes(r, i) : way_of_lane(scratch, i);
+        uint32_t places = 1u;
+        const float way_m = planes > 0u ? way_by_planes(r, i, &places) : way_of_lane(scratch, i, &places);
         r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
-        w->spent += exits * (CR_WORK_PARTS / EXITS_OF_WORK);
+        w->spent += PARTS_OF_EXIT * (1u + exits) + places * (PARTS_OF_PLACE + PARTS_OF_FIRST * exits);
     }
 }
 
@@ -235,6 +242,7 @@ static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t la
             r->gone_m[i] = 0.0f;
         }
         cr_lanes_to_world(s->in->world_from_tool, at->c->x, at->c->y, at->c->z, &scratch->march_from);
+        s->work->spent += PARTS_OF_MARCH;
     }
     s->work->left = lanes;
     cr_way_go_on(s);
@@ -268,10 +276,10 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
     float most = 0.0f;
     const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
     uint32_t steep = 0u, left = 0u;
-    const uint32_t count = count_lanes(lanes);
     if (lanes == 0u) {
         return;
     }
+    s->work->spent += PARTS_OF_HALF;
     if (exits_of_planes(at, half, rest)) {
         wait_for(s, at, lanes, 0u, half, 0.0f);
         return;
@@ -292,7 +300,8 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
         steep |= (uint32_t)(w->steep[i] >= trusted) << i;
     }
     left &= lanes & ~w->plain;
-    s->work->spent += count * (CR_WORK_PARTS / LANES_OF_WORK) + PARTS_OF_ROW * e->count;
+    s->work->spent +=
+        PARTS_OF_WAYS + PARTS_OF_ROW * e->count + 2u * PARTS_OF_LANE * cr_count_lanes(lanes) * (2u + e->count);
     if (left != 0u) {
         wait_for(s, at, left, left & ~steep, half, most);
     }
@@ -307,15 +316,15 @@ static float nearness(const cr_way_survey *s, const cr_way_spots *at, int i, uin
     return clamp_f((2.0f * mine + ramp - its) / (mine + ramp), 0.0f, 1.0f) * clamp_f(its / ramp, 0.0f, 1.0f);
 }
 
-/* Is it the turn of the next half-space that lanes over the surface in hand count for? Those of an earlier tick are passed over. */
-static int is_next(const cr_way_survey *s) {
+/* Is it the turn of the next half-space that lanes over the surface in hand count for, by so much work? Those of an earlier tick are passed over. */
+static int is_next(const cr_way_survey *s, uint32_t parts) {
     cr_way_work *w = s->work;
     if (w->seen++ < w->done || cr_way_waits(s)) {
         return 0;
     }
     w->done++;
     w->moved = 1u;
-    w->spent += CR_WORK_PARTS / HALVES_OF_WORK;
+    w->spent += parts;
     return 1;
 }
 
@@ -323,24 +332,27 @@ static int is_next(const cr_way_survey *s) {
 static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, uint32_t z,
                           const float *part) {
     const cr_way_relations *r = s->relations;
+    const uint32_t parts = PARTS_OF_HALF + PARTS_OF_LANE * cr_count_lanes(lanes);
     for (uint32_t b = 0; b < s->zones->count; b++) {
         const float most = b == z ? r->lead[z] : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
         cr_way_half *half = &s->half[r->half_of[b]];
         float *share = s->scratch->rest.part;
-        if (!(most > 0.0f && is_next(s))) {
+        if (!(most > 0.0f && is_next(s, parts))) {
             continue;
         }
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             share[i] = part[i] * most;
         }
-        const uint32_t longer = find_longer(at, lanes, share, half);
-        for (uint32_t left = b == z ? 0u : longer; left != 0u;) {
-            const int i = take_lane(&left);
-            share[i] *= nearness(s, at, i, b);
+        uint32_t longer = find_longer(at, lanes, share, half);
+        if (b != z && longer != 0u) {
+            for (uint32_t left = longer; left != 0u;) {
+                const int i = take_lane(&left);
+                share[i] *= nearness(s, at, i, b);
+            }
+            s->work->spent += 2u * PARTS_OF_LANE * cr_count_lanes(longer);
+            longer = find_longer(at, longer, share, half);
         }
-        if (longer != 0u) {
-            count_for(s, at, b == z ? longer : find_longer(at, longer, share, half), share, half);
-        }
+        count_for(s, at, longer, share, half);
     }
 }
 

@@ -13,23 +13,31 @@
 /* Odometers are rebased where their sum, m and rad, reaches this: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
-/* Work, in lookups of 16 points: to look at a cluster over planes, and over cells of the image; beside what is made of it, to tell what it is inside of
- * there. */
-#define WORK_OF_PLANES 1u
+/* Work, in lookups of 16 points: to look at a cluster over cells of the image. */
 #define WORK_OF_CELLS 2u
-#define WORK_INSIDE_CELLS 2u
-/* And of lanes in cells where planes meet one in so many. */
-#define MEETING_OF_WORK 2u
-/* In parts of a unit: a group of the tree that is entered. */
+/* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is
+ * woken, and that is entered; a leaf. */
+#define PARTS_OF_STEP 6u
+#define PARTS_OF_AROUND 48u
+#define PARTS_OF_POINTS 176u
+#define PARTS_OF_PLANE 32u
+#define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
+#define PARTS_OF_LEAF 1u
 
+/* All spheres wake when the tree is seen next: in free space that costs nothing. */
 static void forget(cr_motion *m) {
     m->slide_m = m->slide_lost_m = 0.0f;
     m->turn_rad = m->turn_lost_rad = 0.0f;
     m->root_wake_m = WAKE_NOW;
+    m->stale = 1u;
+}
+
+static void wake_all(cr_motion *m) {
     for (uint32_t i = 0; i < m->wake_count; i++) {
         m->wake_m[i] = WAKE_NOW;
     }
+    m->stale = 0u;
 }
 
 /* Adds to an odometer, and what its last bits could not take the next time: many small steps are not nothing. Source  Kahan 1965. */
@@ -69,7 +77,6 @@ typedef struct {
     cr_stats *stats;
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
-    cr_planes *planes; /* those that the last cluster on planes lay at */
     float apart_m;     /* a plane this much lower than another does not matter */
 } walk;
 
@@ -128,6 +135,19 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
     return least;
 }
 
+/* The cluster in hand. */
+static cr_looked looked_at(const walk *w, uint32_t cluster) {
+    const cr_in_hand *in = &w->search->in_hand;
+    const int known = in->planes != NULL;
+    return (cr_looked){.cluster = cluster,
+                       .c = &w->scene->clusters[cluster],
+                       .world = known ? NULL : &in->world,
+                       .at = known ? NULL : &in->at,
+                       .planes = in->planes,
+                       .heights = known ? &in->heights : NULL,
+                       .coverage = in->coverage};
+}
+
 /* The hit of a cluster with covered lanes, and what it is inside of. */
 static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane) {
     const int whole = l->full == first_lanes(l->c->count);
@@ -155,25 +175,18 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->near = (uint16_t)l->near;
     hit->whole = (uint16_t)whole;
     hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
-    w->set->contacts += count_lanes(l->inside);
-    w->search->adding = (uint32_t)!cr_way_add(w->field, w->pose, w->set, w->set->hit_count - 1u, l);
-    w->search->spent += w->set->way.layers.parts + (l->at == NULL ? 0u : WORK_INSIDE_CELLS * CR_WORK_PARTS);
+    w->set->contacts += cr_count_lanes(l->inside);
+    cr_way_add(w->set, w->set->hit_count - 1u, l);
+    w->search->hand = CR_HAND_ADDING;
 }
 
 /* More of what the last hit is inside of. */
 static void add_next(walk *w) {
     cr_descent *s = w->search;
-    const cr_in_hand *in = &s->in_hand;
-    const uint32_t hit = w->set->hit_count - 1u, cluster = w->set->hits[hit].cluster;
-    cr_way_layers *l = &w->set->way.layers;
-    const cr_looked looked = {.cluster = cluster,
-                              .c = &w->scene->clusters[cluster],
-                              .world = &in->world,
-                              .at = &in->at,
-                              .coverage = in->coverage};
-    const uint32_t cells = l->left & in->at.on_planes;
-    s->adding = (uint32_t)!cr_way_add_more(w->field, w->pose, w->set, hit, &looked);
-    s->spent += l->parts + CR_WORK_PARTS / MEETING_OF_WORK * count_lanes(cells & ~l->left);
+    const uint32_t hit = w->set->hit_count - 1u;
+    const cr_looked looked = looked_at(w, w->set->hits[hit].cluster);
+    s->hand = cr_way_add_more(w->field, w->pose, w->set, hit, &looked) ? CR_HAND_EMPTY : CR_HAND_ADDING;
+    s->spent += w->set->way.layers.parts;
 }
 
 /* Lanes whose piece may be inside where its middle is not: creases that come near, and covered faces. */
@@ -181,15 +194,25 @@ static uint32_t find_near(const struct cr_img_cluster *c, uint32_t reached, uint
     return (reached & c->crease_mask) | (covered & ~inside & ~(uint32_t)(c->crease_mask | c->vertex_mask));
 }
 
-static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
+static void look_up_points(walk *w, uint32_t cluster, uint32_t slot, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+    cr_in_hand *in = &w->search->in_hand;
+    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
+    cr_field_look_up(w->field, &in->world, &in->at);
+    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * in->at.planes;
+    in->slot = slot;
+    in->lane = lane;
+    in->planes = NULL;
+    w->search->hand = CR_HAND_LOOKED_UP;
+}
+
+/* What is covered of a cluster that was looked up. Returns how far the tool may move before it needs another look; 0 when it is in contact. */
+static float cover_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
     cr_in_hand *in = &w->search->in_hand;
     const cr_lookup *at = &in->at;
     const float *coverage = in->coverage;
-    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
-    cr_field_look_up(w->field, &in->world, &in->at);
-    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * at->planes;
     w->search->spent += CR_PARTS_OF_CUT * cr_cover(w->scene, w->pose, w->options->coverage, c, at, in->coverage);
     uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u;
     for (int i = 0; i < CR_LANES; i++) {
@@ -202,8 +225,11 @@ static float look_up_points(walk *w, uint32_t cluster, const cr_batch *b, int la
     if (covered == 0u) {
         return max_f(0.0f, smallest_clearance(c, at->phi_m, w->slack_out_m));
     }
-    near = find_near(c, near, covered, ~outside);
-    const cr_looked l = {cluster, c, &in->world, at, NULL, NULL, coverage, covered, full & used, ~outside & used, near};
+    cr_looked l = looked_at(w, cluster);
+    l.covered = covered;
+    l.full = full & used;
+    l.inside = ~outside & used;
+    l.near = find_near(c, near, covered, ~outside);
     take_points(w, &l, b, lane);
     return 0.0f;
 }
@@ -227,11 +253,16 @@ static float cover_cut_lane(const walk *w, const struct cr_img_cluster *c, const
     return p->sign < 0.0f ? 1.0f - share : share;
 }
 
+/* A sphere is free until the tool has moved so far from here. */
+static void let_sleep(const walk *w, uint32_t slot, float rho, float clearance_m) {
+    w->motion->wake_m[slot] = w->motion->slide_m + w->motion->turn_rad * rho + clearance_m * 0.999999f;
+}
+
 /* A cluster and the sphere round it, in the tool frame. */
 typedef struct {
     uint32_t cluster;
     cr_vec3 centre_m;
-    float radius_m, reach_m; /* reach: with the margin */
+    float radius_m, reach_m, rho; /* reach: with the margin */
 } leaf;
 
 /* The answer asks for each of several walls that meet concavely; a response of rivals/ for the nearest. */
@@ -247,22 +278,25 @@ static int asks_for_each(const walk *w) {
 static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
     const uint32_t used = first_lanes(c->count);
-    cr_heights h;
-    cr_planes one;
-    float coverage[CR_LANES];
-    const int each = asks_for_each(w) && w->planes->sign < 0.0f;
-    const cr_planes *p = each ? w->planes : cr_planes_alone(w->planes, f->centre_m, f->radius_m, w->apart_m, &one);
-    cr_planes_measure(p, c, &h);
-    uint32_t full = (p->sign < 0.0f ? ~(h.below | h.cut) : h.below) & used, covered = full, inside = full, near = full;
+    cr_in_hand *in = &w->search->in_hand;
+    cr_heights *h = &in->heights;
+    float *coverage = in->coverage;
+    const cr_planes *all = &w->search->planes;
+    const int each = asks_for_each(w) && all->sign < 0.0f;
+    const cr_planes *p = each ? all : cr_planes_alone(all, f->centre_m, f->radius_m, w->apart_m, &in->alone);
+    cr_planes_measure(p, c, h);
+    in->planes = p;
+    uint32_t full = (p->sign < 0.0f ? ~(h->below | h->cut) : h->below) & used, covered = full, inside = full,
+             near = full;
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
-    w->search->spent += WORK_OF_PLANES * CR_WORK_PARTS;
-    for (uint32_t left = h.cut & used; left != 0u;) {
+    const uint32_t cut = h->cut & used;
+    w->search->spent += PARTS_OF_POINTS + (PARTS_OF_PLANE + CR_PARTS_OF_CUT * cr_count_lanes(cut)) * p->count;
+    for (uint32_t left = cut; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;
-        w->search->spent += CR_PARTS_OF_CUT * p->count;
-        coverage[i] = cover_cut_lane(w, c, p, &h, i, &phi_m);
+        coverage[i] = cover_cut_lane(w, c, p, h, i, &phi_m);
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
         inside |= (uint32_t)(phi_m <= 0.0f) << i;
@@ -270,29 +304,35 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     }
     if (covered == 0u) {
         for (int i = 0; i < CR_LANES; i++) {
-            coverage[i] = h.top_m[i] * p->sign;
+            coverage[i] = h->top_m[i] * p->sign;
         }
         return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
     }
-    near = find_near(c, near, covered, inside);
-    const cr_looked l = {f->cluster, c, NULL, NULL, p, &h, coverage, covered, full, inside, near};
+    cr_looked l = looked_at(w, f->cluster);
+    l.covered = covered;
+    l.full = full;
+    l.inside = inside;
+    l.near = find_near(c, near, covered, inside);
     take_points(w, &l, b, lane);
     return 0.0f;
 }
 
-/* Returns how far the tool may move before this cluster needs another look; 0 when it is in contact. */
-static float look_at_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
+/* A cluster over planes; one over cells is looked up, to be covered next. */
+static void look_at_points(walk *w, const leaf *f, uint32_t slot, const cr_batch *b, int lane) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
     const uint32_t kind = cr_planes_around(w->field, centre, f->reach_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
+    w->search->spent += PARTS_OF_AROUND;
     if (kind == 0u) {
-        return look_up_points(w, f->cluster, b, lane);
+        look_up_points(w, f->cluster, slot, lane);
+        return;
     }
-    if (w->planes->kind != kind) {
-        cr_planes_turn(w->scene, w->pose, kind, w->planes);
-        w->search->spent += CR_PARTS_OF_CUT * w->planes->count;
+    cr_planes *planes = &w->search->planes;
+    if (planes->kind != kind) {
+        cr_planes_turn(w->scene, w->pose, kind, planes);
+        w->search->spent += CR_PARTS_OF_CUT * planes->count;
     }
-    return measure_points(w, f, b, lane);
+    let_sleep(w, slot, f->rho, measure_points(w, f, b, lane));
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
@@ -307,7 +347,7 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
         moved[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i];
     }
     uint32_t asleep = lanes_where_below(moved, wake) & mask;
-    w->stats->nodes_coherent += count_lanes(asleep);
+    w->stats->nodes_coherent += cr_count_lanes(asleep);
     return mask & ~asleep;
 }
 
@@ -321,12 +361,12 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
     f.centre_m = v3(g->x[at], g->y[at], g->z[at]);
     f.radius_m = g->radius[at];
     f.reach_m = f.radius_m + g->margin[at];
-    float phi = b->centres.phi_m[lane], moved = w->motion->slide_m + w->motion->turn_rad * g->rho[at];
-    float *wake = &w->motion->wake_m[slot];
+    f.rho = g->rho[at];
+    const float phi = b->centres.phi_m[lane];
     if (w->options->skip & CR_SKIP_TREE) {
         float clearance = phi - f.reach_m - w->slack_out_m;
         if (clearance > 0.0f) {
-            *wake = moved + clearance * 0.999999f;
+            let_sleep(w, slot, f.rho, clearance);
             return;
         }
         if (-phi > f.reach_m + w->slack_in_m) {
@@ -339,7 +379,7 @@ static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
 #endif
         }
     }
-    *wake = moved + look_at_points(w, &f, b, lane) * 0.999999f;
+    look_at_points(w, &f, slot, b, lane);
 }
 
 /* Look the leaf spheres up that wait. */
@@ -369,8 +409,18 @@ static void visit_next(walk *w) {
     const int lane = (int)s->visited++;
     visit_cluster(w, s->slot[lane], &s->batch, lane);
     if (s->visited == s->looked_up) {
-        s->waiting = s->looked_up = 0u;
+        s->waiting = s->looked_up = s->visited = 0u;
     }
+}
+
+/* What of the cluster that was looked up is covered. */
+static void cover_next(walk *w) {
+    cr_descent *s = w->search;
+    const uint32_t slot = s->in_hand.slot;
+    const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
+    const uint32_t at = slot % CR_LANES;
+    s->hand = CR_HAND_EMPTY;
+    let_sleep(w, slot, g->rho[at], cover_points(w, g->child[at], &s->batch, s->in_hand.lane));
 }
 
 /* Look at the spheres of an inner group: free lanes go to sleep; returns those to descend into. */
@@ -381,15 +431,14 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     }
     cr_lanes3 world;
     cr_lookup centres;
-    float *wake = w->motion->wake_m + (size_t)group * CR_LANES;
-    w->stats->nodes += count_lanes(lanes);
+    w->stats->nodes += cr_count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     look_up(w, &world, lanes, &centres);
     for (uint32_t left = lanes; left != 0u;) {
         int i = take_lane(&left);
         float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;
         if (clearance > 0.0f) {
-            wake[i] = w->motion->slide_m + w->motion->turn_rad * g->rho[i] + clearance * 0.999999f;
+            let_sleep(w, group * CR_LANES + (uint32_t)i, g->rho[i], clearance);
             lanes &= ~(1u << i);
         }
     }
@@ -407,7 +456,7 @@ static void enter_group(walk *w, uint32_t group) {
     level->lanes = g->leaf ? lanes : find_open(w, group, lanes);
 }
 
-/* Into the next child of the group in hand; a leaf sphere waits until 16 of them are looked up together. */
+/* Into the next child of the group in hand; leaf spheres wait until 16 of them are looked up together. */
 static void descend(walk *w) {
     cr_descent *s = w->search;
     cr_search_level *level = &s->stack[s->depth - 1u];
@@ -415,13 +464,38 @@ static void descend(walk *w) {
         s->depth--;
         return;
     }
-    const int lane = take_lane(&level->lanes);
     const struct cr_img_group *g = &w->scene->groups[level->group];
-    if (g->leaf) {
-        CR_ASSERT(s->waiting < CR_LANES && s->looked_up == 0u);
-        s->slot[s->waiting++] = level->group * CR_LANES + (uint32_t)lane;
+    if (g->leaf == 0u) {
+        enter_group(w, g->child[take_lane(&level->lanes)]);
+        return;
+    }
+    CR_ASSERT(s->waiting < CR_LANES && s->looked_up == 0u);
+    while (level->lanes != 0u && s->waiting < CR_LANES) {
+        s->slot[s->waiting++] = level->group * CR_LANES + (uint32_t)take_lane(&level->lanes);
+        s->spent += PARTS_OF_LEAF;
+    }
+}
+
+/* The root of the tree: once all spheres are awake, where they have to be. */
+static void begin_next(walk *w) {
+    cr_descent *s = w->search;
+    if (w->motion->stale != 0u) {
+        wake_all(w->motion);
+        s->spent += PARTS_OF_WAKE * w->scene->group_count;
     } else {
-        enter_group(w, g->child[lane]);
+        s->hand = CR_HAND_EMPTY;
+        enter_group(w, 0u);
+    }
+}
+
+static void go_on_in_hand(walk *w) {
+    const uint32_t hand = w->search->hand;
+    if (hand == CR_HAND_ADDING) {
+        add_next(w);
+    } else if (hand == CR_HAND_LOOKED_UP) {
+        cover_next(w);
+    } else {
+        begin_next(w);
     }
 }
 
@@ -429,8 +503,9 @@ static void descend(walk *w) {
 static int walk_on(walk *w) {
     cr_descent *s = w->search;
     while (s->spent / CR_WORK_PARTS < w->options->lookups_max) {
-        if (s->adding != 0u) {
-            add_next(w);
+        s->spent += PARTS_OF_STEP;
+        if (s->hand != CR_HAND_EMPTY) {
+            go_on_in_hand(w);
         } else if (s->looked_up > 0u) {
             visit_next(w);
         } else if (s->waiting == CR_LANES || (s->depth == 0u && s->waiting > 0u)) {
@@ -441,7 +516,7 @@ static int walk_on(walk *w) {
             return 1;
         }
     }
-    return s->depth == 0u && s->waiting == 0u && s->adding == 0u;
+    return s->depth == 0u && s->waiting == 0u && s->hand == CR_HAND_EMPTY;
 }
 
 static int tool_is_free(walk *w) {
@@ -472,47 +547,51 @@ static int tool_is_free(walk *w) {
 /* The pose of this search has become too old: what was not seen is left out. */
 static void give_up(walk *w) {
     cr_descent *s = w->search;
-    w->stats->clusters_dropped += s->waiting - s->visited + s->adding;
-    w->set->contacts -= s->adding != 0u ? count_lanes(w->set->hits[w->set->hit_count - 1u].inside) : 0u;
-    w->set->hit_count -= s->adding;
-    for (uint32_t i = 0; i < s->depth; i++) {
-        w->stats->clusters_dropped += count_lanes(s->stack[i].lanes);
+    w->stats->clusters_dropped += s->waiting - s->visited + (uint32_t)(s->hand != CR_HAND_EMPTY);
+    if (s->hand == CR_HAND_ADDING) {
+        w->set->hit_count--;
+        w->set->contacts -= cr_count_lanes(w->set->hits[w->set->hit_count].inside);
     }
-    s->depth = s->waiting = s->looked_up = s->visited = s->adding = 0u;
+    for (uint32_t i = 0; i < s->depth; i++) {
+        w->stats->clusters_dropped += cr_count_lanes(s->stack[i].lanes);
+    }
+    s->depth = s->waiting = s->looked_up = s->visited = s->hand = 0u;
+}
+
+static void begin_search(cr_descent *search, cr_contact_set *set) {
+    search->depth = search->waiting = search->looked_up = search->visited = 0u;
+    search->calls = 0u;
+    search->hand = CR_HAND_ROOT;
+    search->planes.kind = 0u;
+    set->way.dropped = set->way.layers.dropped = 0u;
+#ifdef CR_RIVALS
+    set->touch_count = 0u;
+#endif
 }
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_descent *search, cr_contact_set *set, cr_stats *stats) {
-    cr_planes planes;
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, &planes, 0.0f};
-    float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
-    w.slack_out_m = field->scene->meta->error_out_m + ROUNDING_M + 1e-6f * scale;
-    w.slack_in_m = field->scene->meta->error_in_m + ROUNDING_M + 1e-6f * scale;
+    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f};
+    const float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
+    const float rounding = ROUNDING_M + 1e-6f * scale;
+    w.slack_out_m = field->scene->meta->error_out_m + rounding;
     search->spent = 0u;
     if (!search->open) {
-        search->depth = search->waiting = search->looked_up = search->visited = 0u;
-        search->adding = search->calls = 0u;
-        set->hit_count = 0u;
-        set->contacts = 0u;
-        set->way.count = set->way.dropped = set->way.layers.dropped = 0u;
-#ifdef CR_RIVALS
-        set->touch_count = 0u;
-#endif
+        set->hit_count = set->contacts = set->way.count = 0u;
         if (tool_is_free(&w)) {
             return 1;
         }
+        begin_search(search, set);
     }
-    planes.kind = 0u;
+    w.slack_in_m = field->scene->meta->error_in_m + rounding;
     w.apart_m = apart_of(field->scene->meta);
-    if (!search->open) {
-        enter_group(&w, 0u);
-    }
     search->open = !walk_on(&w);
     search->calls++;
-    if (search->open && search->calls >= options->slices_max) {
+    if (search->open && search->calls >= options->slices_max &&
+        !(search->hand == CR_HAND_ADDING && cr_way_is_halfway(&set->way.layers))) {
         give_up(&w);
         search->open = 0u;
     }
-    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u && search->adding == 0u));
+    CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u && search->hand == CR_HAND_EMPTY));
     return !search->open;
 }

@@ -25,12 +25,19 @@ static uint32_t check_pose(const cr_pose *in, cr_pose *out) {
     return 0u;
 }
 
+/* Member by member: a call that clears 52 bytes takes as long as all else here. */
+static void clear_stats(cr_stats *s) {
+    _Static_assert(sizeof *s == 13u * sizeof(uint32_t), "a member each");
+    s->points = s->contacts = s->clusters = s->nodes = 0u;
+    s->clusters_inside = s->nodes_coherent = s->late_ticks = s->clusters_dropped = 0u;
+    s->touches_dropped = s->areas_merged = s->zones_dropped = s->force_limited = s->work = 0u;
+}
+
 static void clear_output(cr_output *out) {
-    static const cr_stats no_stats = {0};
     out->force_world_N = out->torque_world_Nm = out->normal_world = v3(0.0f, 0.0f, 0.0f);
     out->depth_m = 0.0f;
     out->area_count = out->zone_count = 0u;
-    out->stats = no_stats;
+    clear_stats(&out->stats);
 }
 
 /* Shorter periods are no clock's: velocities stay finite for any two poses that are allowed. */

@@ -1,8 +1,9 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* Work, in parts of a unit: of a layer that is added to the zones of one piece. */
-#define PARTS_OF_LAYER 256u
+/* Work, in parts of a unit: of a layer that is added to the zones of one piece, and each of its sides. */
+#define PARTS_OF_LAYER 96u
+#define PARTS_OF_SIDE 32u
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     for (uint32_t z = 0; z < zones->count; z++) {
@@ -99,72 +100,48 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
     }
 }
 
-int cr_way_planes(const cr_field *f, const xform *pose, const cr_hit *hit, cr_planes *planes, cr_lanes3 *world,
-                  cr_lookup *at) {
-    const struct cr_img_cluster *c = &f->scene->clusters[hit->cluster];
-    const uint32_t kind = hit->planes;
-    if (kind == 0u) {
-        cr_lanes_to_world(pose, c->x, c->y, c->z, world);
-        cr_field_look_up_lanes(f, world, (uint32_t)(hit->covered | hit->near), at);
-    } else if (planes->kind != kind) {
-        cr_planes_turn(f->scene, pose, kind, planes);
-    }
-    return kind != 0u;
-}
-
 const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c, const cr_planes *p, cr_planes *one) {
     const float apart_m = apart_of(s->meta);
     return p->sign < 0.0f ? p : cr_planes_alone(p, v3(c->x[0], c->y[0], c->z[0]), 2.0f * c->radius_m, apart_m, one);
 }
 
-static uint32_t begin(const cr_scene *s, cr_contact_set *set, uint32_t hit) {
-    static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
-    const uint32_t used = first_lanes(s->clusters[set->hits[hit].cluster].count);
-    set->way.layers.count = set->way.layers.parts = set->way.layers.left = 0u;
-    set->way.layers.near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
-    set->way.layers.reach = none;
-    return set->hits[hit].covered & used;
-}
-
-static void add_layers(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit) {
+/* One layer of a hit, into the zones of its pieces. */
+static void add_one_layer(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit, uint32_t k) {
     const struct cr_img_cluster *c = &s->clusters[set->hits[hit].cluster];
-    const cr_way_layers *l = &set->way.layers;
-    set->way.reach[hit] = l->reach;
-    for (uint32_t k = 0; k < l->count; k++) {
-        for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
-            add_layer(s, pose, c, slot, l, k, hit, &set->way);
-            set->way.layers.parts += PARTS_OF_LAYER;
-        }
+    cr_way_layers *l = &set->way.layers;
+    for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
+        add_layer(s, pose, c, slot, l, k, hit, &set->way);
+        l->parts += PARTS_OF_LAYER + PARTS_OF_SIDE * (l->layers[k].side == CR_WAY_SIDES ? CR_WAY_SIDES : 1u);
     }
 }
 
-/* All layers of a hit are known: into the zones. */
-static int into_zones(const cr_scene *s, const xform *pose, cr_contact_set *set, uint32_t hit) {
-    const uint32_t used = first_lanes(s->clusters[set->hits[hit].cluster].count);
-    cr_way_fade(s, set->hits[hit].covered & used, &set->way.layers);
-    add_layers(s, pose, set, hit);
-    return 1;
-}
-
-int cr_way_add(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
+void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
+    static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
+    const uint32_t used = first_lanes(looked->c->count);
+    cr_way_layers *l = &set->way.layers;
     CR_ASSERT(hit < set->hit_count && set->hits[hit].cluster == looked->cluster);
     CR_ASSERT((looked->planes == NULL) == (looked->at != NULL)); /* by one of the two */
-    const uint32_t lanes = begin(f->scene, set, hit);
-    if (looked->planes != NULL) {
-        cr_way_over_planes(f->scene, looked->c, lanes, looked->coverage, looked->planes, looked->heights,
-                           &set->way.layers);
-    } else {
-        cr_way_over_lookup(f, pose, looked, lanes, &set->way.layers);
-    }
-    return set->way.layers.left == 0u && into_zones(f->scene, pose, set, hit);
+    l->count = 0u;
+    l->near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
+    l->left = set->hits[hit].covered & used;
+    l->reach = none;
+    l->step = looked->planes != NULL ? CR_WAY_PLANES : CR_WAY_COMMON;
 }
 
 int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
     cr_way_layers *l = &set->way.layers;
     l->parts = 0u;
-    if (l->left == 0u) {
-        return into_zones(f->scene, pose, set, hit);
+    if (l->step == CR_WAY_PLANES) {
+        cr_way_over_planes(f->scene, looked->c, l->left, looked->coverage, looked->planes, looked->heights, l);
+        l->step = CR_WAY_FADE;
+    } else if (l->step < CR_WAY_FADE) {
+        cr_way_over_lookup(f, pose, looked, l);
+    } else if (l->step == CR_WAY_FADE) {
+        cr_way_fade(f->scene, set->hits[hit].covered & first_lanes(looked->c->count), l);
+        set->way.reach[hit] = l->reach;
+        l->step = CR_WAY_ADD;
+    } else {
+        add_one_layer(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);
     }
-    cr_way_over_next(f, pose, looked, l);
-    return 0;
+    return l->step >= CR_WAY_ADD && l->step - CR_WAY_ADD == l->count;
 }

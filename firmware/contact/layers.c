@@ -15,10 +15,14 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
-/* Work, in parts of a unit: of each plane or facet that a lane may count for, and each layer that it does; of a wall that lanes are behind, beside that; of a cell's planes. */
-#define PARTS_OF_SHARE 8u
-#define PARTS_OF_WALL 80u
-#define PARTS_OF_PLANE 64u
+/* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, twice over several; of each plane that a lane may count for, and
+ * two more, or each facet twice; of a facet that it is deep below; of a layer that something counts for; of one that is made; of a cell, and each of its
+ * planes; of a lane that may fade, and each layer of it. */
+#define PARTS_OF_LANE 12u
+#define PARTS_OF_SHARE 9u
+#define PARTS_OF_MADE 24u
+#define PARTS_OF_PLANE 32u
+#define PARTS_OF_FADED 2u
 /* A spread of normals of which nothing follows. */
 #define NO_SPREAD 3.0f
 
@@ -36,6 +40,7 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
         return NULL;
     }
     cr_way_layer *made = &l->layers[l->count++];
+    l->parts += PARTS_OF_MADE;
     made->surface = surface;
     made->side = side;
     made->patch = patch;
@@ -95,13 +100,17 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
     reach_to(reach, n, deep);
 }
 
+static void add_lane(cr_way_layer *layer, int i, float depth_m, float coverage) {
+    layer->lanes |= 1u << i;
+    layer->depth_m[i] += depth_m;
+    layer->coverage[i] += coverage;
+}
+
 static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch, int i, float depth_m,
                     float coverage) {
     cr_way_layer *layer = depth_m > 0.0f ? layer_of(l, surface, side, patch) : NULL;
     if (layer != NULL) {
-        layer->lanes |= 1u << i;
-        layer->depth_m[i] += depth_m;
-        layer->coverage[i] += coverage;
+        add_lane(layer, i, depth_m, coverage);
     }
 }
 
@@ -110,20 +119,27 @@ static float share_of(const struct cr_img_cluster *c, int i, const cr_heights *h
     return max_f(0.0f, h->height_m[k][i] - h->top_m[i] + c->ramp[i]);
 }
 
-/* A lane counts for its nearest plane, shared with those that are nearly as near. */
+/* A lane counts for its nearest plane, shared with those that are nearly as near. of: layers of the planes, as far as they were asked for (bits). */
 static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top, float coverage,
-                                 const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
+                                 const cr_planes *p, const cr_heights *h, cr_way_layers *out, cr_way_layer **of,
+                                 uint32_t *asked) {
     const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage);
     float total = 0.0f;
-    out->parts += PARTS_OF_SHARE * p->count;
+    out->parts += PARTS_OF_SHARE * (2u + p->count);
     for (uint32_t k = 0; k < p->count; k++) {
         total += share_of(c, i, h, k);
     }
     for (uint32_t k = 0; k < p->count; k++) {
-        const float its = share_of(c, i, h, k);
-        if (its > 0.0f) {
-            lane_to(out, p->facet[k], 0u, s->facets[p->facet[k]].patch, i, depth * (its / total),
-                    coverage * (its / total));
+        const float its = share_of(c, i, h, k), deep = depth * (its / total);
+        if (!(its > 0.0f && deep > 0.0f)) {
+            continue;
+        }
+        if (!has_lane(*asked, (int)k)) {
+            of[k] = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
+            *asked |= 1u << k;
+        }
+        if (of[k] != NULL) {
+            add_lane(of[k], i, deep, coverage * (its / total));
         }
     }
 }
@@ -132,7 +148,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
 static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                               const cr_heights *h, cr_way_layers *out) {
     float height_m[CR_LANES];
-    out->parts += PARTS_OF_WALL * p->count;
+    out->parts += PARTS_OF_LANE * p->count * (1u + cr_count_lanes(out->near));
     for (uint32_t k = 0; k < p->count; k++) {
         cr_way_layer *wall = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
         if (wall != NULL) {
@@ -152,17 +168,20 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     }
     if (p->count == 1u) {
         cr_way_layer *floor = layer_of(out, p->facet[0], 0u, s->facets[p->facet[0]].patch);
+        out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
         if (floor != NULL) {
             fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
         }
         return;
     }
+    cr_way_layer *of[CR_KIND_FACETS_MAX];
+    uint32_t asked = 0u;
     out->reach.spread = NO_SPREAD; /* measured without a lookup: not worth knowing */
     out->reach.bound_m = max_f(0.0f, out->reach.bound_m);
     for (uint32_t top = 0; top < p->count; top++) {
         for (uint32_t left = lanes & h->highest[top]; left != 0u;) {
             const int i = take_lane(&left);
-            fill_lane_over_solid(s, c, i, top, coverage[i], p, h, out);
+            fill_lane_over_solid(s, c, i, top, coverage[i], p, h, out, of, &asked);
         }
     }
 }
@@ -217,7 +236,7 @@ static void fill_looked_up(const cr_field *f, const cr_way_facets *on, int i, cr
     } else if (on->count == 0u) {
         lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
     }
-    out->parts += PARTS_OF_SHARE * on->count;
+    out->parts += 2u * PARTS_OF_SHARE * on->count;
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
@@ -290,6 +309,7 @@ static void fill_common(const cr_field *f, const xform *pose, const struct cr_im
     const int curved = (surface & CR_WAY_CURVED) != 0u;
     const uint32_t patch = curved ? surface & ~CR_WAY_CURVED : f->scene->facets[surface].patch;
     cr_way_layer *layer = layer_of(out, surface, curved ? CR_WAY_SIDES : 0u, patch);
+    out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
     if (layer != NULL && curved) {
         fill_curved(c, lanes, at, g, out, layer);
     } else if (layer != NULL) {
@@ -333,6 +353,7 @@ static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_
         const cr_vec3 n = lane_of(&out->normal, i);
         reach_to(&out->reach, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
         const int far = (at->entry[i] & CR_TOP_FAR) != 0u;
+        out->parts += PARTS_OF_SHARE;
         const struct cr_img_kind *kind = &s->kinds[far ? 0u : cr_field_kind(f, at, i)];
         out->parts += PARTS_OF_SHARE * kind->count;
         for (uint32_t k = 0; k < kind->count; k++) {
@@ -364,47 +385,49 @@ static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr
     uint32_t first = lanes;
     cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
     cr_planes_measure(&planes, c, &heights);
-    out->parts += PARTS_OF_PLANE * planes.count;
+    out->parts += PARTS_OF_PLANE * (1u + planes.count);
     cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
 }
 
-/* Lanes in cells whose distances are not from planes. */
-static void fill_over_samples(const cr_field *f, const xform *pose, const cr_looked *l, uint32_t lanes,
-                              cr_way_layers *out) {
+/* A lane in a cell whose distances are not from planes. */
+static void fill_over_samples(const cr_field *f, const cr_looked *l, int i, cr_way_layers *out) {
     const cr_lookup *at = l->at;
-    reach_all(f, pose, l->c, out->near & ~at->on_planes, at, l->world, out);
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        const part in = part_below(l->c, i, lane_of(&out->normal, i), at->phi_m[i]);
-        cr_way_facets on;
-        out->full_m[i] = in.depth_m;
-        cr_way_facets_of(f, at, i, lane_of(l->world, i), &on);
-        fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
-                       l->coverage[i], out);
-    }
+    const part in = part_below(l->c, i, lane_of(&out->normal, i), at->phi_m[i]);
+    cr_way_facets on;
+    out->full_m[i] = in.depth_m;
+    out->parts += 2u * PARTS_OF_LANE;
+    cr_way_facets_of(f, at, i, lane_of(l->world, i), &on);
+    fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
+                   l->coverage[i], out);
 }
 
-void cr_way_over_lookup(const cr_field *f, const xform *pose, const cr_looked *l, uint32_t lanes, cr_way_layers *out) {
-    const uint32_t surface = cr_way_common(f, l->at, lanes);
+/* All lanes over one surface, or none of them. */
+static void fill_all(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
+    const uint32_t surface = cr_way_common(f, l->at, out->left);
+    out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
     cr_way_normals(pose, l->at, out->near | 1u, &out->normal); /* the first is what others are compared with */
     if (surface != CR_WAY_NONE) {
-        fill_common(f, pose, l->c, lanes, surface, l->at, &out->normal, out);
-    } else {
-        out->left = lanes;
+        fill_common(f, pose, l->c, out->left, surface, l->at, &out->normal, out);
+        out->left = 0u;
     }
 }
 
-void cr_way_over_next(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
+void cr_way_over_lookup(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
     const uint32_t cells = out->left & l->at->on_planes;
-    CR_ASSERT(out->left != 0u);
-    if (cells != 0u) {
+    if (out->step == CR_WAY_COMMON) {
+        fill_all(f, pose, l, out);
+        out->step = CR_WAY_CELLS;
+    } else if (cells != 0u) {
         const uint32_t same = cr_way_same_cell(l->at, cells);
         out->left &= ~same;
         fill_over_cell(f, pose, l->c, same, l->coverage, l->at, out);
+    } else if (out->step == CR_WAY_CELLS) {
+        reach_all(f, pose, l->c, out->near & ~l->at->on_planes, l->at, l->world, out);
+        out->step = CR_WAY_BESIDE;
     } else {
-        fill_over_samples(f, pose, l, out->left, out);
-        out->left = 0u;
+        fill_over_samples(f, l, take_lane(&out->left), out);
     }
+    out->step = out->left == 0u ? CR_WAY_FADE : out->step;
 }
 
 /* Distance up to which the image has samples, m: bricks farther inside say no more than how far at least. */
@@ -416,6 +439,7 @@ static float depth_of_bricks(const struct cr_img_meta *m) {
  * surfaces that they are over to none. */
 void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
     const float most_m = depth_of_bricks(s->meta), voxel_m = s->meta->voxel_m;
+    l->parts += PARTS_OF_FADED * (1u + l->count) * cr_count_lanes(lanes);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         float depth = 0.0f, moved = 0.0f, seen = 0.0f;

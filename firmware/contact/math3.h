@@ -64,13 +64,8 @@ static inline uint32_t first_lanes(uint32_t count) {
     return (1u << count) - 1u;
 }
 
-static inline uint32_t count_lanes(uint32_t lanes) {
-    uint32_t count = 0u;
-    for (; lanes != 0u; lanes &= lanes - 1u) {
-        count++;
-    }
-    return count;
-}
+/* How many are set. Not in line: many ask. */
+uint32_t cr_count_lanes(uint32_t lanes);
 
 static inline cr_vec3 v3(float x, float y, float z) {
     cr_vec3 r = {x, y, z};

@@ -4,22 +4,27 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
-/* Work, in lookups of 16 points: of a hit whose planes are known, and of one to be looked up again. */
-#define WORK_OF_HIT 2u
-#define WORK_OF_LOOKUP 4u
-/* In parts of a unit: a hit that is asked whether it may be deeper, beside zones, pairs of zones and half-spaces that it is asked for; a surface, beside zones that might be
- * of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known, each of them. */
-#define PARTS_OF_ASKED 4u
+/* Work, in parts of a unit: a hit that is looked up again, beside planes that meet there; a step, whatever it does; a zone that a hit is asked for, whether
+ * it may be deeper, and a pair with another, with their half-spaces; a lane that is told what it is over; a surface that is met, and that is begun, beside
+ * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known,
+ * each of them. */
+#define PARTS_OF_LOOKUP 512u
+#define PARTS_OF_STEP 8u
+#define PARTS_OF_ASKED 6u
+#define PARTS_OF_PAIR 2u
+#define PARTS_OF_TOLD 12u
+#define PARTS_OF_MET 4u
 #define PARTS_OF_SURFACE 8u
-#define PARTS_OF_SHARE 32u
+#define PARTS_OF_SHARE 56u
 #define PARTS_OF_FACET 8u
 #define PARTS_OF_PLANE 48u
-/* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in the sweeps of a half-space;
- * compared with another, or its side with another; a pair of half-spaces. */
+/* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
+ * half-space that is made, and one more; of its sides, each compared with each; compared with another; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
-#define PARTS_OF_RELATED 20u
-#define PARTS_OF_LED 4u
+#define PARTS_OF_RELATED 32u
+#define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
+#define PARTS_OF_SIDES 2u
 #define PARTS_OF_SAME 1u
 #define PARTS_OF_HALVES 4u
 
@@ -39,6 +44,7 @@ static int is_passed(const cr_way_survey *s, uint32_t count) {
     cr_way_work *w = s->work;
     const int passed = w->surfaces + count <= w->surfaces_done || cr_way_waits(s);
     w->surfaces += passed ? count : 0u;
+    w->spent += PARTS_OF_MET;
     return passed;
 }
 
@@ -128,12 +134,19 @@ static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, 
     }
 }
 
+/* When the work of this tick is done the rest of the sides wait, as half-spaces do. */
+static int ends_at_side(const cr_way_survey *s) {
+    const int waits = cr_way_waits(s);
+    s->work->seen += (uint32_t)waits;
+    return waits;
+}
+
 /* Lanes over a curved surface, each by its own plane, for those sides that have a zone and their normals a part of. */
 static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
                         const cr_lookup *look, const float *share) {
     float part[CR_LANES];
     at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), look->phi_m};
-    while (sides != 0u) {
+    while (sides != 0u && !ends_at_side(s)) {
         const uint32_t side = (uint32_t)take_lane(&sides);
         uint32_t on = 0u;
         s->work->spent += PARTS_OF_SHARE;
@@ -213,21 +226,19 @@ static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c,
     }
 }
 
-/* Lanes in cells whose distances are not from planes. */
-static void over_cells(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
-                       const cr_lanes3 *world, const cr_lanes3 *normal) {
+/* What lanes in cells whose distances are not from planes are over. */
+static void share_cells(const cr_way_survey *s, uint32_t lanes) {
     const cr_field *f = s->in->field;
-    uint32_t far = 0u;
+    const cr_lookup *look = &s->scratch->look;
     cr_way_shares *on = &s->scratch->shares;
-    on->count = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         cr_way_facets its;
         if ((look->entry[i] & CR_TOP_FAR) != 0u) {
-            far |= 1u << i;
+            on->far |= 1u << i;
             continue;
         }
-        cr_way_facets_of(f, look, i, lane_of(world, i), &its);
+        cr_way_facets_of(f, look, i, lane_of(&s->scratch->world, i), &its);
         if (its.count == 0u) {
             share_lane(on, CR_WAY_DEEP, i, 1.0f);
         }
@@ -237,26 +248,34 @@ static void over_cells(const cr_way_survey *s, const struct cr_img_cluster *c, u
             share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
         }
     }
-    if (far != 0u) {
-        over_nothing(s, c, far, look);
+}
+
+static void tell(const cr_way_survey *s, uint32_t lanes) {
+    const cr_lookup *look = &s->scratch->look;
+    cr_way_shares *on = &s->scratch->shares;
+    on->far = on->count = 0u;
+    on->common = cr_way_common(s->in->field, look, lanes);
+    s->work->spent += PARTS_OF_TOLD * cr_count_lanes(lanes);
+    if (on->common == CR_WAY_NONE) {
+        share_cells(s, lanes & ~look->on_planes);
+    }
+}
+
+static void over_looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_planes *cell) {
+    const cr_lookup *look = &s->scratch->look;
+    const cr_lanes3 *normal = &s->scratch->normal;
+    const cr_way_shares *on = &s->scratch->shares;
+    cr_way_work *w = s->work;
+    if (on->common != CR_WAY_NONE) {
+        over_surface(s, c, lanes, on->common, look, normal, whole);
+        return;
+    }
+    if (on->far != 0u) {
+        over_nothing(s, c, on->far, look);
     }
     for (uint32_t k = 0; k < on->count; k++) {
         over_surface(s, c, on->lanes[k], on->surface[k], look, normal, on->share[k]);
     }
-}
-
-static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_lookup *look,
-                      const cr_lanes3 *world, cr_planes *cell) {
-    cr_lanes3 *normal = &s->scratch->normal;
-    cr_way_work *w = s->work;
-    const uint32_t surface = cr_way_common(s->in->field, look, lanes);
-    w->spent += CR_PARTS_OF_MEETING * look->planes;
-    cr_way_normals(s->in->world_from_tool, look, lanes, normal);
-    if (surface != CR_WAY_NONE) {
-        over_surface(s, c, lanes, surface, look, normal, whole);
-        return;
-    }
-    over_cells(s, c, lanes & ~look->on_planes, look, world, normal);
     lanes &= look->on_planes;
     while (lanes != 0u) {
         const uint32_t same = cr_way_same_cell(look, lanes);
@@ -278,31 +297,45 @@ static void looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, ui
     }
 }
 
-/* Returns whether all of it is done. */
+/* A step of a hit: it is looked up, where its planes are not known; it is told what it is over; and that counts. Returns whether all of it is done. */
 static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
     const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
     const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & first_lanes(c->count);
-    cr_lanes3 *world = &s->scratch->world;
-    cr_lookup *look = &s->scratch->look;
-    s->work->spent += CR_WORK_PARTS * (hit->planes != 0u ? WORK_OF_HIT : WORK_OF_LOOKUP);
-    s->work->surfaces = s->work->moved = 0u;
-    if (cr_way_planes(s->in->field, s->in->world_from_tool, hit, planes, world, look)) {
+    cr_way_work *w = s->work;
+    cr_way_scratch *scratch = s->scratch;
+    w->surfaces = w->moved = 0u;
+    if (hit->planes != 0u) {
+        if (planes->kind != hit->planes) {
+            cr_planes_turn(s->in->field->scene, s->in->world_from_tool, hit->planes, planes);
+        }
+        w->spent += PARTS_OF_PLANE * planes->count;
         over_planes(s, c, lanes, planes);
+    } else if (w->known == CR_WAY_ASKED) {
+        w->known = CR_WAY_LOOKED_UP;
+        cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
+        cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
+        cr_way_normals(s->in->world_from_tool, &scratch->look, lanes, &scratch->normal);
+        w->spent += PARTS_OF_LOOKUP + CR_PARTS_OF_MEETING * scratch->look.planes;
+        return 0;
+    } else if (w->known == CR_WAY_LOOKED_UP) {
+        w->known = CR_WAY_TOLD;
+        tell(s, lanes);
+        return 0;
     } else {
-        looked_up(s, c, lanes, look, world, cell);
+        over_looked_up(s, c, lanes, cell);
     }
-    return s->work->surfaces_done == s->work->surfaces;
+    return w->surfaces_done == w->surfaces;
 }
 
 /* Half-spaces that the samples of a hit may count for. */
 static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
     const cr_way_relations *r = s->relations;
-    uint32_t halves = 0u, pairs = PARTS_OF_ASKED;
+    uint32_t halves = 0u, pairs = 0u;
     for (uint32_t left = reach->zones; left != 0u;) {
         const uint32_t z = (uint32_t)take_lane(&left);
         CR_ASSERT(z < s->zones->count && r->half_of[z] < r->half_count);
         halves |= 1u << r->half_of[z];
-        pairs += r->lead[z] < 1.0f ? 2u + s->zones->count : 2u;
+        pairs += PARTS_OF_ASKED + (r->lead[z] < 1.0f ? PARTS_OF_PAIR * s->zones->count : 0u);
         for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
             halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
         }
@@ -315,7 +348,6 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
 static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     for (uint32_t left = halves_of(s, reach); left != 0u;) {
         const cr_way_half *half = &s->half[take_lane(&left)];
-        s->work->spent++;
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
         if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
             return 1;
@@ -324,19 +356,24 @@ static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     return 0;
 }
 
-/* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the step is done. */
+/* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the hit is done. */
 static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes, cr_planes *cell) {
+    cr_way_work *w = s->work;
     const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
-    uint32_t *measured = &s->work->measured[hit >> 5], bit = 1u << (hit & 31u);
+    uint32_t *measured = &w->measured[hit >> 5], bit = 1u << (hit & 31u);
     CR_ASSERT(hit < s->in->set->hit_count);
-    /* what has been begun is ended: the answer is the same however it is cut */
-    if ((*measured & bit) == 0u &&
-        (s->work->surfaces_done + s->work->done > 0u || may_be_deeper(s, &s->zones->reach[hit])) &&
-        !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
-        return 0;
+    if ((*measured & bit) == 0u) {
+        /* what has been begun is ended: the answer is the same however it is cut */
+        if (w->known == CR_WAY_UNKNOWN && may_be_deeper(s, &s->zones->reach[hit])) {
+            w->known = CR_WAY_ASKED;
+        }
+        if (w->known != CR_WAY_UNKNOWN && !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
+            return 0;
+        }
     }
     *measured |= bit;
-    s->work->done = s->work->surfaces_done = 0u;
+    w->known = CR_WAY_UNKNOWN;
+    w->done = w->surfaces_done = 0u;
     return 1;
 }
 
@@ -345,21 +382,37 @@ enum { RELATE, LEAD, JOIN, ZONE_PASSES };
 /* And over these before hits are measured. */
 enum { AGREE, SHARE, HALF_PASSES };
 
-/* One zone of a pass. Returns its work, in parts. */
-static uint32_t take_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w, uint32_t step) {
+/* A zone joins: step by step where its half-space is made. */
+static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w, uint32_t z) {
     cr_way_relations *r = &w->relations;
-    const uint32_t n = zones->count, pass = step / n, z = step % n;
+    if (w->left == 0u) {
+        const uint32_t halves = r->half_count;
+        w->left = cr_way_join(scene, zones, z, r, w->half, &w->cone);
+        w->next += (uint32_t)(w->left == 0u);
+        return PARTS_OF_TAKEN + zones->count * (PARTS_OF_RELATED + PARTS_OF_SAME * halves);
+    }
+    const uint32_t related = cr_count_lanes(w->left);
+    if (cr_way_turn(zones, z, r, w->half, &w->cone)) {
+        w->left = 0u;
+        w->next++;
+        return PARTS_OF_SIDES * related * (1u + related);
+    }
+    return PARTS_OF_SWEEP * (1u + related);
+}
+
+/* A step of a pass over the zones. Returns its work, in parts. */
+static uint32_t take_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w) {
+    cr_way_relations *r = &w->relations;
+    const uint32_t n = zones->count, pass = w->next / n, z = w->next % n;
+    if (pass == JOIN) {
+        return join_zone(scene, zones, w, z);
+    }
+    w->next++;
     if (pass == RELATE) {
         cr_way_relate(scene, zones, z, r);
         return PARTS_OF_TAKEN + PARTS_OF_RELATED * z;
     }
-    if (pass == LEAD) {
-        return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
-    }
-    const uint32_t halves = r->half_count, sweeps = cr_way_join(scene, zones, z, r, w->half);
-    const uint32_t sides = sweeps != 0u ? n : 0u;
-    return PARTS_OF_TAKEN +
-           n * (PARTS_OF_RELATED + PARTS_OF_SAME * halves + PARTS_OF_SWEEP * sweeps + PARTS_OF_SAME * sides);
+    return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
 }
 
 /* One half-space of a pass. */
@@ -376,6 +429,7 @@ static uint32_t take_half(const cr_way_zones *zones, cr_way_work *w, uint32_t st
 void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     CR_ASSERT(in->set->way.count <= CR_WAY_ZONES_MAX);
     work->next = work->resolving = work->left = 0u;
+    work->known = CR_WAY_UNKNOWN;
     work->done = work->surfaces_done = 0u;
     work->spent = 0u;
     work->relations.half_count = 0u;
@@ -394,11 +448,12 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
     planes.kind = cell.kind = 0u;
     planes.count = cell.count = 0u;
     while (!is_whole && work->spent / CR_WORK_PARTS < lookups_max) {
+        work->spent += PARTS_OF_STEP;
         const uint32_t agreed = joined + HALF_PASSES * work->relations.half_count; /* once they have joined */
-        if (work->left != 0u) {
+        if (work->next < joined) {
+            work->spent += take_zone(in->field->scene, zones, work);
+        } else if (work->left != 0u) {
             cr_way_go_on(&s);
-        } else if (work->next < joined) {
-            work->spent += take_zone(in->field->scene, zones, work, work->next++);
         } else if (work->next < agreed) {
             work->spent += take_half(zones, work, work->next++ - joined);
         } else if (work->next < agreed + zones->count + in->set->hit_count) {

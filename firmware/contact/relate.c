@@ -124,78 +124,69 @@ static float one_side(cr_vec3 n, cr_vec3 m) { return max_f(0.0f, 1.0f - (1.0f - 
 /* Of the sides that make a sum each counts by what it is of the largest, r: 2.5 r^2 - 1.5 r^3. So a wall leans less towards a face that is little touched, and a
  * face is felt nearly flat until its neighbour takes over; steeper curves are flatter there and turn more sharply beyond (tests/golden/gen/force). How a round
  * side is cut into facets, and which of them make the sum, is all one. */
-static cr_vec3 favour_large(uint32_t count, const cr_vec3 *unit, const float *alpha) {
+static cr_vec3 favour_large(uint32_t zones, const cr_vec3 *unit, const float *alpha) {
     float of[CR_WAY_ZONES_MAX], most = 1e-30f;
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f);
-    for (uint32_t c = 0; c < count; c++) {
+    for (uint32_t left = zones; left != 0u;) {
+        const int c = take_lane(&left);
+        zones &= ~((uint32_t)(alpha[c] <= 0.0f) << c); /* not a number is kept: it is a fault in the end */
+    }
+    for (uint32_t left = zones; left != 0u;) {
+        const int c = take_lane(&left);
         cr_vec3 side = v3(0.0f, 0.0f, 0.0f);
-        for (uint32_t d = 0; alpha[c] > 0.0f && d < count; d++) {
-            if (alpha[d] > 0.0f) {
-                side = v3_mad(side, unit[d], alpha[d] * one_side(unit[c], unit[d]));
-            }
+        for (uint32_t others = zones; others != 0u;) {
+            const int d = take_lane(&others);
+            side = v3_mad(side, unit[d], alpha[d] * one_side(unit[c], unit[d]));
         }
         of[c] = v3_norm(side);
         most = max_f(most, of[c]);
     }
-    for (uint32_t c = 0; c < count; c++) {
+    for (uint32_t left = zones; left != 0u;) {
+        const int c = take_lane(&left);
         const float r = of[c] / most;
         sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
     }
     return sum;
 }
 
-/* Alphas that make a sum of the normals, each at most limit times its zone's share of the weight: projected Gauss-Seidel. A normal that is related by a part
- * only is held back. Returns what is left of the sum. */
-static cr_vec3 project(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float per_weight, float limit,
-                       float tiny, cr_vec3 left, float *alpha, uint32_t *sweeps) {
-    float held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
-    for (uint32_t c = 0; c < zones->count; c++) {
-        held[c] = part[c] > 0.0f ? 1.0f / part[c] - 1.0f : 0.0f;
-        most[c] = part[c] * limit * zones->zones[c].weight_m3 * per_weight;
+/* The projection begins: alphas that make a sum of the normals, each at most limit times its zone's share of the weight. A normal that is related by a part
+ * only is held back. */
+static void begin_projection(const cr_way_zones *zones, const float *part, float limit, cr_way_cone *cone) {
+    cone->sweeps = 0u;
+    for (uint32_t left = cone->zones; left != 0u;) {
+        const int c = take_lane(&left);
+        cone->held[c] = 1.0f / part[c] - 1.0f;
+        cone->most[c] = part[c] * limit * zones->zones[c].weight_m3 * cone->per_weight;
     }
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        float moved = 0.0f;
-        (*sweeps)++;
-        for (uint32_t c = 0; c < zones->count; c++) {
-            if (!(part[c] > 0.0f)) {
-                continue;
-            }
-            const float before = alpha[c];
-            const float next =
-                clamp_f(before + (v3_dot(unit[c], left) - held[c] * before) / (1.0f + held[c]), 0.0f, most[c]);
-            left = v3_mad(left, unit[c], before - next);
-            moved = max_f(moved, abs_f(next - before));
-            alpha[c] = next;
-        }
-        if (moved <= tiny) {
-            break;
-        }
-    }
-    return left;
 }
 
-/* The part of a sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond sampling error, and where most of what
- * is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
-static cr_vec3 into_cone(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_vec3 sum,
-                         float per_weight, float trusted, float seen, float bent, uint32_t *sweeps) {
-    float alpha[CR_WAY_ZONES_MAX], whole = 0.0f, known = 0.0f; /* sum of alpha; share of the weight that has a normal */
-    cr_vec3 left = sum;
-    const float size = v3_norm(sum);
-    const uint32_t count = zones->count;
-    for (uint32_t c = 0; c < count; c++) {
-        alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
-        left = v3_mad(left, unit[c], -alpha[c]);
+/* One sweep of it: projected Gauss-Seidel, on what is left of the sum. Returns 1 when it was the last. */
+static int sweep(const cr_vec3 *unit, cr_way_cone *cone) {
+    float moved = 0.0f;
+    cr_vec3 left = cone->left;
+    for (uint32_t zones = cone->zones; zones != 0u;) {
+        const int c = take_lane(&zones);
+        const float before = cone->alpha[c], held = cone->held[c];
+        const float next =
+            clamp_f(before + (v3_dot(unit[c], left) - held * before) / (1.0f + held), 0.0f, cone->most[c]);
+        left = v3_mad(left, unit[c], before - next);
+        moved = max_f(moved, abs_f(next - before));
+        cone->alpha[c] = next;
     }
-    left = project(zones, unit, part, per_weight, NO_LIMIT, 1e-6f * size, left, alpha, sweeps);
-    for (uint32_t c = 0; c < count; c++) {
-        whole += alpha[c];
-        known += part[c] * zones->zones[c].weight_m3 * per_weight * v3_dot(unit[c], unit[c]);
+    cone->left = left;
+    cone->sweeps++;
+    return moved <= 1e-6f * v3_norm(cone->sum) || cone->sweeps == SWEEPS;
+}
+
+/* Once more, so that what hardly touches does not turn the normal. */
+static void limit_projection(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_way_cone *cone) {
+    float whole = 0.0f, known = 0.0f; /* sum of alpha; share of the weight that has a normal */
+    for (uint32_t left = cone->zones; left != 0u;) {
+        const int c = take_lane(&left);
+        whole += cone->alpha[c];
+        known += part[c] * zones->zones[c].weight_m3 * cone->per_weight * v3_dot(unit[c], unit[c]);
     }
-    left = project(zones, unit, part, per_weight, TWICE * whole / max_f(seen * known, 1e-6f), 1e-6f * size, left, alpha,
-                   sweeps);
-    sum = favour_large(count, unit, alpha);
-    const float per_left = size / max_f(v3_norm(left), 1e-30f);
-    return v3_mad(sum, left, trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, bent * per_left)));
+    begin_projection(zones, part, TWICE * whole / max_f(cone->seen * known, 1e-6f), cone);
 }
 
 /* Room for one more bound of this weight: where there is none, that of the lightest. Null when none is lighter. */
@@ -240,15 +231,20 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
     return 1;
 }
 
-/* Normal and arm of the zones that one zone is related to, each by its part. Returns sweeps of the projection. */
-static uint32_t make_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
-                          float spacing_m, cr_way_half *out) {
-    uint32_t sweeps = 0u;
+/* The sum of the zones that one zone is related to, each by its part, and the projection of it into the cone of their normals. */
+static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
+                       float spacing_m, cr_way_half *out, cr_way_cone *cone) {
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
-    out->deep_m = out->curved_m3 = 0.0f;
+    out->zones = out->bound_count = 0u;
+    out->led_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
+    cone->zones = cone->limited = 0u;
     for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
+        if (!(part[c] > 0.0f)) {
+            continue;
+        }
+        cone->zones |= 1u << c;
         out->deep_m = max_f(out->deep_m, part[c] * z->deep_m);
         sum = v3_mad(sum, z->push_m3, part[c]);
         turn = v3_mad(turn, z->turn_m4, part[c]);
@@ -263,24 +259,36 @@ static uint32_t make_half(const cr_way_zones *zones, const cr_vec3 *unit, const 
     }
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
-    sum = v3_scale(sum, per_weight);
     const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
-    const float trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
-    const cr_vec3 way =
-        into_cone(zones, unit, part, sum, per_weight, trusted, clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f),
-                  bent * per_weight * bends * per_weight, &sweeps);
-    const float length = v3_norm(way), size = v3_norm(sum),
-                led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
-    out->zones = 0u;
-    out->led_m3 = 0.0f;
     out->weight_m3 = weight;
-    out->depth_m = 0.0f;
+    out->own_m = v3_scale(turn, per_weight);   /* yet of the sum, */
+    out->arm_m = v3_scale(centre, per_weight); /* and the middle */
+    cone->per_weight = per_weight;
+    cone->trusted = rules * clamp_f((samples - 1.0f) / (SEEN_BY - 1.0f), 0.0f, 1.0f);
+    cone->seen = clamp_f(samples / SEEN_BY, SEEN_LEAST, 1.0f);
+    cone->bent = bent * per_weight * bends * per_weight;
+    cone->sum = cone->left = v3_scale(sum, per_weight);
+    for (uint32_t left = cone->zones; left != 0u;) {
+        const int c = take_lane(&left);
+        cone->alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
+        cone->left = v3_mad(cone->left, unit[c], -cone->alpha[c]);
+    }
+    begin_projection(zones, part, NO_LIMIT, cone);
+}
+
+/* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond
+ * sampling error, and where most of what is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
+static void end_half(const cr_vec3 *unit, const cr_way_cone *cone, cr_way_half *out) {
+    const float size = v3_norm(cone->sum), per_left = size / max_f(v3_norm(cone->left), 1e-30f);
+    const cr_vec3 way = v3_mad(favour_large(cone->zones, unit, cone->alpha), cone->left,
+                               cone->trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, cone->bent * per_left)));
+    const float length = v3_norm(way),
+                led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
+    const cr_vec3 turn = v3_add(out->own_m, v3_cross(out->arm_m, v3_sub(way, cone->sum)));
     out->normal = v3_unit(way, 1e-6f);
-    turn = v3_add(v3_scale(turn, per_weight), v3_cross(v3_scale(centre, per_weight), v3_sub(way, sum)));
     out->own_m = v3_scale(turn, 1.0f / max_f(length, 1e-30f));
     out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f);
-    return sweeps;
 }
 
 void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r) {
@@ -297,16 +305,17 @@ void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zo
 }
 
 uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r,
-                     cr_way_half *halves) {
-    uint32_t h = 0u, sweeps = 0u;
+                     cr_way_half *halves, cr_way_cone *cone) {
+    uint32_t h = 0u, made = 0u;
     CR_ASSERT(zone < zones->count && r->half_count <= zone); /* no more half-spaces than zones that have joined */
     while (h < r->half_count && !rows_agree(r->part[zone], r->part[r->first[h]], zones->count)) {
         h++;
     }
     cr_way_half *half = &halves[h];
     if (h == r->half_count) {
-        sweeps = make_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half);
+        begin_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half, cone);
         r->first[r->half_count++] = zone;
+        made = cone->zones;
     }
     CR_ASSERT(!has_lane(half->zones, (int)zone));
     half->zones |= 1u << zone;
@@ -315,7 +324,19 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
         find_bounds(scene, zones, r, zone, half);
     }
     r->half_of[zone] = h;
-    return sweeps;
+    return made;
+}
+
+int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *r, cr_way_half *halves,
+                cr_way_cone *cone) {
+    if (cone->limited == 2u) {
+        end_half(r->unit, cone, &halves[r->half_of[zone]]);
+        return 1;
+    }
+    if (sweep(r->unit, cone) && cone->limited++ == 0u) {
+        limit_projection(zones, r->unit, r->part[zone], cone);
+    }
+    return 0;
 }
 
 /* Most weight of a zone that leads it; one that could lead two is related to nearly the same weight counts as far as it is. */

@@ -13,8 +13,8 @@
 /* Work is counted in lookups of 16 points, where no planes meet, and summed in parts of one. */
 #define CR_WORK_PARTS 256u
 /* Parts of a unit: of a lane that is looked up where planes meet, each of them; of a lane that planes cut, or where they are turned for one, each of them. */
-#define CR_PARTS_OF_MEETING 8u
-#define CR_PARTS_OF_CUT 10u
+#define CR_PARTS_OF_MEETING 14u
+#define CR_PARTS_OF_CUT 16u
 
 /* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
 typedef struct {
@@ -196,9 +196,14 @@ typedef struct {
 } cr_way_layer;
 #define CR_WAY_LAYERS_MAX 12u
 
+/* Steps of what a hit is inside of: its planes; or the surface of all lanes that were looked up, or else cell by cell, what the others reach, and lane by
+ * lane; all of them fade; layer by layer they come into the zones. */
+enum { CR_WAY_PLANES, CR_WAY_COMMON, CR_WAY_CELLS, CR_WAY_BESIDE, CR_WAY_FADE, CR_WAY_ADD };
+
 typedef struct {
     uint32_t count, dropped;
-    uint32_t parts;   /* of work, that were made of the cluster */
+    uint32_t step;    /* the next one; from CR_WAY_ADD on a layer each */
+    uint32_t parts;   /* of work, of the last one */
     uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
     uint32_t left;    /* lanes that are in none yet */
     cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
@@ -234,14 +239,15 @@ typedef struct {
 /* Purpose  room for one more hit of a cluster, its places not set; null, and counted, when all are taken. */
 cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats);
 
-/* Purpose  add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones".
- * Output   1: all of it; 0: call cr_way_add_more until it is.   Cost  layers.parts. */
-int cr_way_add(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
-               const cr_looked *looked);
+/* Purpose  begin to add to the zones what a hit is inside of.   Shapes  hit: index of the hit; looked: its cluster.   Source  WAY_OUT.md "Zones". */
+void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked);
 
-/* Purpose  the next step of that: lanes of one cell, or all zones.   Shapes  looked: what was looked up, as for cr_way_add. */
+/* Purpose  the next step of that.   Shapes  looked: as for cr_way_add.   Output  1: it was the last; 0: call again.   Cost  layers.parts. */
 int cr_way_add_more(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
                     const cr_looked *looked);
+
+/* Purpose  whether some of a hit is in the zones, and not all.   Output  of the last hit. */
+static inline int cr_way_is_halfway(const cr_way_layers *l) { return l->step > CR_WAY_ADD; }
 
 /* Height of a sample above the plane normal . p + offset, m. */
 static inline float height_above(const struct cr_img_cluster *c, int i, cr_vec3 normal, float offset_m) {
@@ -286,6 +292,7 @@ typedef struct {
     float slide_lost_m, turn_lost_rad; /* of them, what their last bits could not take */
     cr_pose last;                      /* where the last search began */
     uint32_t valid;
+    uint32_t stale; /* 1: what is below was found before the odometers began anew */
     float root_wake_m;
     float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */
     uint32_t wake_count;
@@ -312,12 +319,27 @@ typedef struct {
     cr_lookup centres;
 } cr_batch;
 
-/* What was looked up of the cluster in hand. */
+/* What is known of the cluster in hand. */
 typedef struct {
-    cr_lanes3 world;
-    cr_lookup at;
+    uint32_t slot; /* its sphere, as in cr_motion, */
+    int lane;      /* and in the batch */
     float coverage[CR_LANES];
+    const cr_planes *planes; /* null: it was looked up */
+    union {
+        struct {
+            cr_planes alone;
+            cr_heights heights;
+        };
+        struct {
+            cr_lanes3 world;
+            cr_lookup at;
+        };
+    };
 } cr_in_hand;
+
+/* Nothing; the root of the tree, which is yet to be seen; a cluster that was looked up, and not yet told what of it is covered; the last hit, which is not
+ * all in zones yet. */
+enum { CR_HAND_EMPTY, CR_HAND_ROOT, CR_HAND_LOOKED_UP, CR_HAND_ADDING };
 
 /* Where a search stands between two ticks. */
 typedef struct {
@@ -331,7 +353,8 @@ typedef struct {
     uint32_t looked_up;      /* 0, or as many as wait: they are in the batch */
     uint32_t visited;        /* of these, those that were looked at */
     cr_batch batch;
-    uint32_t adding; /* 1: what the last hit is inside of is not all in zones yet */
+    uint32_t hand;    /* CR_HAND_*: what comes first */
+    cr_planes planes; /* those that the last cluster on planes lay at */
     cr_in_hand in_hand;
 } cr_descent;
 
@@ -340,7 +363,7 @@ void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
 /* Purpose  the clusters of the shell that reach into the static object, in ascending order, and the zones they are inside of.
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
- *          again with the same pose and the same motion until it is 1, at most options->slices_max times.
+ *          again with the same pose and the same motion until it is 1, at most options->slices_max times, and until the last hit is in zones.
  * Errors   none: capacities are counted in stats.
  * Cost     search->spent, at most a step more than options->lookups_max.   Source  DESIGN.md "Detect" [2][3]. */
 int cr_detect(const cr_field *field, const xform *world_from_tool, const cr_detect_options *options, cr_motion *motion,

@@ -20,11 +20,6 @@ static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_
 /* Purpose  zone of a key, or CR_WAY_NONE. */
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key);
 
-/* Purpose  planes that give the distance at and round a hit, turned into the tool frame.
- * Output   0 when there are none: world is of all samples, and the covered and the near ones are looked up. */
-int cr_way_planes(const cr_field *field, const xform *world_from_tool, const cr_hit *hit, cr_planes *planes,
-                  cr_lanes3 *world, cr_lookup *at);
-
 /* Facets that a looked-up sample is inside of, and how much it counts for each. */
 typedef struct {
     uint32_t count;
@@ -41,12 +36,9 @@ float cr_way_share(cr_vec3 direction, uint32_t side);
 void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
                         const float *coverage, const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
 
-/* Purpose  layers of samples that were looked up.   Output  out->left: lanes of other surfaces than one, for cr_way_over_next. */
-void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const cr_looked *looked, uint32_t lanes,
+/* Purpose  layers of samples that were looked up, a step of it.   Output  out->step: CR_WAY_FADE when all are known. */
+void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const cr_looked *looked,
                         cr_way_layers *out);
-
-/* Purpose  of those that are left the lanes in one cell where planes meet, or else all others. */
-void cr_way_over_next(const cr_field *field, const xform *world_from_tool, const cr_looked *looked, cr_way_layers *out);
 
 /* Purpose  lanes as deep as the image has no samples pass to no surface, continuously. */
 void cr_way_fade(const cr_scene *scene, uint32_t lanes, cr_way_layers *layers);
@@ -118,10 +110,23 @@ void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zo
 /* Purpose  how far a zone leads, once all are related.   Output  lead.   Returns  zones that it is related to. */
 uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);
 
-/* Purpose  the half-space of a zone, made when none of those before has the same relations: normal, own arm, bounds; no depth yet.
- * Shapes   halves[CR_WAY_ZONES_MAX].   Returns  sweeps it took to make it; 0: it was there. */
+/* A half-space that is made: its sum on the way into the cone of the normals of its zones. */
+typedef struct {
+    uint32_t zones;           /* bits */
+    uint32_t limited, sweeps; /* projections that are done, sweeps of the one in hand */
+    float per_weight, trusted, seen, bent;
+    cr_vec3 sum, left; /* what is still outside */
+    float alpha[CR_WAY_ZONES_MAX], held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
+} cr_way_cone;
+
+/* Purpose  the half-space of a zone, begun when none of those before has the same relations: own zones, bounds; no depth yet.
+ * Shapes   halves[CR_WAY_ZONES_MAX].   Returns  0: it was there; else the zones that it is made of, as bits: call cr_way_turn until that is 1. */
 uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations,
-                     cr_way_half *halves);
+                     cr_way_half *halves, cr_way_cone *cone);
+
+/* Purpose  normal and own arm of the half-space that a zone has begun: a sweep of the projection, or the end.   Returns  1: they are known; 0: call again. */
+int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *relations, cr_way_half *halves,
+                cr_way_cone *cone);
 
 /* Purpose  how far a half-space is open, once all zones have joined.   Returns  zones whose relations were compared with its own. */
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,
@@ -143,8 +148,8 @@ typedef struct {
 /* A plane that the way leaves less steeply than this is not left through. */
 #define CR_WAY_LEAVES_MIN 1e-3f
 
-/* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m. */
-float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits);
+/* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m.   Output  places: on the piece, that were looked at. */
+float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits, uint32_t *places);
 
 /* Those half-spaces that have a depth, and how far each leads along the normal of each: 0 where it leads away. */
 typedef struct {
@@ -174,6 +179,8 @@ typedef struct {
 
 /* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each. */
 typedef struct {
+    uint32_t common; /* the one that all lanes are over, or CR_WAY_NONE: then the others */
+    uint32_t far;    /* lanes where no surface is near */
     uint32_t count;
     uint32_t surface[CR_WAY_LAYERS_MAX], lanes[CR_WAY_LAYERS_MAX];
     float share[CR_WAY_LAYERS_MAX][CR_LANES];
@@ -210,24 +217,30 @@ typedef struct {
     cr_way_shares shares;
 } cr_way_scratch;
 
+/* What is known of the hit in hand: nothing, that it may be deeper, what was looked up, and what it is over. */
+enum { CR_WAY_UNKNOWN, CR_WAY_ASKED, CR_WAY_LOOKED_UP, CR_WAY_TOLD };
+
 #define CR_WAY_MEASURED ((CR_CLUSTERS_MAX + 31u) / 32u)
 
 /* What passes between the stages of an answer, and from tick to tick while it is not whole. */
 typedef struct {
     uint32_t next;  /* the step that comes next: passes over zones, then hits are measured */
     uint32_t spent; /* work of this tick, in parts */
-    uint32_t left;  /* lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
-    uint32_t surfaces, surfaces_done;   /* that the hit in hand is over: met in this tick, and done; */
+    uint32_t
+        left; /* zones that a half-space is made of, while it is; then lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
+    uint32_t known;                     /* of the hit in hand: CR_WAY_UNKNOWN and so on; */
+    uint32_t surfaces, surfaces_done;   /* that it is over: met in this tick, and done; */
     uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
     uint32_t moved;                     /* 1: something of the hit was done in this tick */
     uint32_t measured[CR_WAY_MEASURED]; /* bits: hits that are done */
-    uint32_t resolving;                 /* 1: all are; */
+    uint32_t resolving;                 /* all are, and so far: answer.c */
     cr_way_relations relations;
     cr_way_half half[CR_WAY_ZONES_MAX];
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* of the half-spaces, */
     float depth_m[CR_WAY_ZONES_MAX], push_m[CR_WAY_ZONES_MAX];
     uint32_t area[CR_WAY_ZONES_MAX]; /* and their contacts, or CR_HIT_NONE */
     union {
+        cr_way_cone cone;            /* while zones join, */
         cr_way_scratch scratch;      /* while it is measured, */
         cr_way_along along;          /* and after; */
         cr_area areas[CR_AREAS_MAX]; /* what is answered, where nobody asks for more than the pushes */
@@ -289,7 +302,8 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work);
  * Output   1 when all is measured; with 0 call again.   Cost  work->spent is added to; it ends with the step that takes it to lookups_max. */
 int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t lookups_max);
 
-/* Purpose  how much each half-space pushes, once all is measured.   Output  1 when it is known; with 0 call again.   Cost  as cr_way_measure; ends with a sweep. */
+/* Purpose  how much each half-space pushes, once all is measured.   Output  1 when it is known and some work is left, to answer; with 0 call again.
+ * Cost     as cr_way_measure; ends with a sweep. */
 int cr_way_push(cr_way_work *work, uint32_t lookups_max);
 
 /* Purpose  the response, of what pushes.   Output  out[0..return), a contact for each half-space that pushes; stats: samples of what had no room. */

@@ -53,7 +53,7 @@ static void share_zone(const float *alpha, uint32_t meets, uint32_t z, cr_group 
     for (uint32_t left = meets; left != 0u;) {
         total += alpha[take_lane(&left)];
     }
-    float even = 1.0f / (float)count_lanes(meets);
+    float even = 1.0f / (float)cr_count_lanes(meets);
     for (uint32_t g = 0; g < count; g++) {
         for (uint32_t left = meets; left != 0u;) {
             int j = take_lane(&left);

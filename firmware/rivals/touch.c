@@ -264,7 +264,7 @@ static void take_lanes(touching *w, const cr_looked *l, uint32_t lanes) {
     hit->near = (uint16_t)(l->near & around);
     hit->whole = 0u;
     cr_sum_cluster(l->c, lanes == l->covered ? l->coverage : some, &hit->sum);
-    w->set->contacts += count_lanes(hit->inside);
+    w->set->contacts += cr_count_lanes(hit->inside);
     if (l->planes != NULL) {
         hit->planes = (uint16_t)l->planes->kind;
         touch_planes(w, l, hit, lanes);

@@ -68,27 +68,11 @@ GIVEN = {
     "BOX_MAX": "work, no answer",
     "RIVALS_MAX": "work",
     "CR_WORK_PARTS": "how finely work is counted",
-    "CR_PARTS_OF_MEETING": "work, by instructions: `make wcet`",
-    "CR_PARTS_OF_CUT": "the same",
-    "PARTS_OF_SHARE": "the same",
-    "PARTS_OF_PLANE": "the same",
-    "PARTS_OF_ASKED": "the same",
-    "PARTS_OF_SURFACE": "the same",
-    "PARTS_OF_FACET": "the same",
-    "PARTS_OF_SIDE": "the same",
-    "PARTS_OF_ZONE": "the same",
-    "PARTS_OF_GROUP": "the same",
-    "PARTS_OF_ROW": "the same",
-    "PARTS_OF_WALL": "the same",
-    "PARTS_OF_TAKEN": "the same",
-    "PARTS_OF_RELATED": "the same",
-    "PARTS_OF_LED": "the same",
-    "PARTS_OF_SWEEP": "the same",
-    "PARTS_OF_SAME": "the same",
-    "PARTS_OF_HALVES": "the same",
     "CR_WAY_BOUNDS_MAX": "a capacity",
 }
 """Constants, or all of a file, that are not empirical, and why."""
+BY_INSTRUCTIONS = ("CR_PARTS_OF_", "PARTS_OF_", "PAIRS_OF_")
+"""Begins of names: parts of a unit of work stand for instructions, `make wcet` and tests/check/test_work_units.py."""
 WAY_FILES = {
     *("answer.c", "depth_along.c", "exits.c", "gather.c", "layers.c", "measure.c", "relate.c"),
     *("resolve.c", "way_out.h"),
@@ -138,7 +122,7 @@ def find_constants(folder: Path = CONTACT) -> list[Constant]:
             beside = len(line) > 1 and line[-2].startswith("#define")
             why = " ".join(above[1].split()) if above else why if beside else ""
             name, value, suffix = match.groups()
-            if file.name not in GIVEN and name not in GIVEN:
+            if not {file.name, name} & GIVEN.keys() and not name.startswith(BY_INSTRUCTIONS):
                 found.append(
                     Constant(
                         file.name, name, value, suffix, why.replace(" * ", " ").replace("|", "/")

@@ -20,11 +20,9 @@ from work_units import WEIGHTS  # noqa: E402
 GUARDS = by_constant(read_guards())
 CONSTANTS = find_constants()
 UNGUARDED_ENDS = {
-    ("WORK_OF_PLANES", "low"),
-    ("WORK_INSIDE_CELLS", "low"),
     ("SWEEPS", "high"),
 }
-"""Ends without a test: 1 is the least that is counted, and sweeps beyond those that converge are not made."""
+"""Ends without a test: sweeps beyond those that converge are not made."""
 
 
 def is_test(test: str) -> bool:
@@ -88,8 +86,8 @@ def test_no_guard_is_taken_for_a_test_that_is_not_there() -> None:
     assert not is_test("tests/unit/test_related.c::resolve_ends")
     assert is_test(f"{GOLDEN}[bar_u-amplification]")
     assert not is_test(f"{GOLDEN}[bar_u-colour]")
-    assert is_test(f"{WORK}[answer.c-PAIRS_OF_WORK]")
-    assert not is_test(f"{WORK}[answer.c-PAIRS_OF_PLAY]")
+    assert is_test(f"{WORK}[detect.c-WORK_OF_CELLS]")
+    assert not is_test(f"{WORK}[detect.c-WORK_OF_PLAY]")
 
 
 @pytest.mark.slow

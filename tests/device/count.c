@@ -30,6 +30,7 @@ static const struct {
              {"cr_way_relate", RELATE, 0},
              {"cr_way_lead", RELATE, 0},
              {"cr_way_join", RELATE, 0},
+             {"cr_way_turn", RELATE, 0},
              {"cr_way_agree", RELATE, 0},
              {"cr_way_share_arm", RELATE, 0},
              {"cr_way_push", RESOLVE, 0},

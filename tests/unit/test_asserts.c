@@ -86,12 +86,10 @@ static void a_hit_that_is_not_there_is_not_added_to_zones(void **state) {
     static cr_contact_set set;
     crt_rig rig;
     open_cube_in_block(&rig);
-    const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-    const xform at = xform_from_pose(&pose);
     const cr_looked looked = {.cluster = 0u, .c = &rig.scene.clusters[0]};
-    STOPS_IN("gather.c", (void)cr_way_add(&rig.field, &at, &set, 0u, &looked));
+    STOPS_IN("gather.c", cr_way_add(&set, 0u, &looked));
     set.hit_count = 1u; /* of cluster 0, but neither looked up nor measured */
-    STOPS_IN("gather.c", (void)cr_way_add(&rig.field, &at, &set, 0u, &looked));
+    STOPS_IN("gather.c", cr_way_add(&set, 0u, &looked));
     crt_close(&rig);
 }
 
@@ -125,6 +123,7 @@ static void a_zone_joins_once(void **state) {
     (void)state;
     static cr_way_zones zones;
     static cr_way_relations relations;
+    static cr_way_cone cone;
     static cr_way_half halves[CR_WAY_ZONES_MAX];
     crt_rig rig;
     open_cube_in_block(&rig);
@@ -133,8 +132,8 @@ static void a_zone_joins_once(void **state) {
     zones.zones[0] =
         (cr_way_zone){.weight_m3 = 1e-9f, .area_m2 = 1e-5f, .flat = 1u, .plane_normal = {0.0f, 0.0f, 1.0f}};
     cr_way_relate(&rig.scene, &zones, 0u, &relations);
-    (void)cr_way_join(&rig.scene, &zones, 0u, &relations, halves);
-    STOPS_IN("relate.c", (void)cr_way_join(&rig.scene, &zones, 0u, &relations, halves));
+    (void)cr_way_join(&rig.scene, &zones, 0u, &relations, halves, &cone);
+    STOPS_IN("relate.c", (void)cr_way_join(&rig.scene, &zones, 0u, &relations, halves, &cone));
     crt_close(&rig);
 }
 
