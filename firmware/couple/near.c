@@ -59,12 +59,16 @@ static float sharpen(const cr_couple_view *v, const cr_lookup *at, int i, cr_vec
     return same ? height : phi_m;
 }
 
-/* A plane for each wall.   Output  whether there are any. */
+/* A plane for each wall that is near.   Output  whether there are any. */
 static int add_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, uint32_t key) {
     cr_couple_walls w;
     cr_couple_find_walls(v, at, i, place, &w);
     for (uint32_t k = 0; k < w.count; k++) {
-        add_near(v->found, key + k, v3_sub(place, v->middle), w.gap_m[k], w.normal[k]);
+        if (w.gap_m[k] < v->margin_m + v->slack_m) {
+            add_near(v->found, key + k, v3_sub(place, v->middle), w.gap_m[k], w.normal[k]);
+        } else {
+            v->found->free_m = lower_f(v->found->free_m, w.gap_m[k] - v->slack_m);
+        }
     }
     return w.count > 0u;
 }

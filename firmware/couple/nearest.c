@@ -1,10 +1,9 @@
 /* What of the obstacle holds a sample: walls that meet, and where a piece of the tool's surface comes nearest: an edge or a corner of that may reach between two samples. */
 #include "couple/follow_parts.h"
 
-/* In a cell of many facets, shares of a voxel: a sample is no deeper behind a wall; a wall's foot is no farther from the surface; the nearest wall explains
- * the distance so well, as walls that meet bend that between samples of the image. */
+/* In a cell of many facets, shares of a voxel: a sample is no deeper behind a wall; the nearest wall explains the distance so well, as
+ * walls that meet bend that between samples of the image. */
 #define BEHIND_VOXELS 0.3f
-#define FOOT_VOXELS 0.3f
 #define SAME_VOXELS 0.3f
 
 /* A crease that turns by more has a sample of its own there (TIP_TURN in host/crease/bake/features.py). */
@@ -12,7 +11,7 @@
 /* A gradient that is shorter tells no direction. */
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
-#define LEAN_MIN_M 1e-6f
+#define LEAN_MIN_M 1e-7f
 /* The least bend of a distance along a line, m: rounding. */
 #define BEND_LEAST_M 1e-9f
 /* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
@@ -245,21 +244,6 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
     return leaning;
 }
 
-/* Whether the surface is where a facet's plane is below a place: the facet may end before. */
-static int is_surface_below(cr_couple_view *v, cr_vec3 place, cr_vec3 normal, float height_m) {
-    const cr_vec3 foot = v3_mad(place, normal, -height_m);
-    cr_lanes3 p = {{0.0f}, {0.0f}, {0.0f}};
-    cr_lookup at;
-    for (int i = 0; i < CR_LANES; i++) {
-        p.x[i] = foot.x;
-        p.y[i] = foot.y;
-        p.z[i] = foot.z;
-    }
-    cr_field_look_up_lanes(v->field, &p, 1u, &at);
-    v->lookups++;
-    return abs_f(at.phi_m[0]) <= FOOT_VOXELS * v->field->scene->meta->voxel_m;
-}
-
 static void add_wall(cr_couple_walls *w, cr_vec3 normal, float gap_m) {
     const uint32_t at = w->count++;
     const int first = at == 0u || gap_m < w->gap_m[0];
@@ -269,6 +253,31 @@ static void add_wall(cr_couple_walls *w, cr_vec3 normal, float gap_m) {
         w->normal[0] = normal;
         w->gap_m[0] = gap_m;
     }
+}
+
+/* Whether an edge ends a wall before the foot of a place: one of those that it meets there convexly is higher. Where two of these meet concavely, the wall reaches on
+ * beside the one that is lower. */
+static int is_cut(const cr_scene *s, const struct cr_img_kind *kind, const float *height_m, uint32_t k) {
+    const uint32_t own = s->facets[kind->facet[k]].patch;
+    uint32_t higher = 0u, lower = 0u;
+    for (uint32_t g = 0; g < kind->count; g++) {
+        const uint32_t patch = s->facets[kind->facet[g]].patch;
+        const uint32_t bit = (uint32_t)(patch != own && cr_pair_label(s, own, patch) == (uint32_t)CR_PAIR_CONVEX) << g;
+        higher |= height_m[g] > height_m[k] ? bit : 0u;
+        lower |= height_m[g] > height_m[k] ? 0u : bit;
+    }
+    while (higher != 0u) {
+        const uint32_t g = s->facets[kind->facet[take_lane(&higher)]].patch;
+        int reaches_on = 0;
+        for (uint32_t left = lower; left != 0u;) {
+            const uint32_t other = s->facets[kind->facet[take_lane(&left)]].patch;
+            reaches_on |= cr_pair_label(s, g, other) == (uint32_t)CR_PAIR_CONCAVE;
+        }
+        if (!reaches_on) {
+            return 1;
+        }
+    }
+    return 0;
 }
 
 /* Whether a facet meets each of those that were taken concavely. */
@@ -287,24 +296,22 @@ void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3
     const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
     const int exact = kind->kind == (uint32_t)CR_KIND_CONCAVE && has_lane(at->from_facet, i);
     uint32_t taken[CR_KIND_FACETS_MAX] = {0u};
+    float height_m[CR_KIND_FACETS_MAX];
     w->count = 0u;
     if (!exact && kind->kind != (uint32_t)CR_KIND_MIXED) {
         return;
     }
     for (uint32_t k = 0; k < kind->count; k++) {
         const struct cr_img_facet *f = &s->facets[kind->facet[k]];
-        const cr_vec3 n = v3_from(f->normal);
-        const float height = v3_dot(n, place) - f->offset_m;
-        if (height >= v->margin_m + v->slack_m) {
-            v->found->free_m = lower_f(v->found->free_m, height - v->slack_m);
-            continue;
+        height_m[k] = v3_dot(v3_from(f->normal), place) - f->offset_m;
+    }
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
+        if (exact || (!f->curved && height_m[k] >= -BEHIND_VOXELS * s->meta->voxel_m &&
+                      meets_walls(s, taken, w->count, kind->facet[k]) && !is_cut(s, kind, height_m, k))) {
+            taken[w->count] = kind->facet[k];
+            add_wall(w, v3_from(f->normal), height_m[k]);
         }
-        if (!exact && (f->curved || height < -BEHIND_VOXELS * s->meta->voxel_m ||
-                       !meets_walls(s, taken, w->count, kind->facet[k]) || !is_surface_below(v, place, n, height))) {
-            continue;
-        }
-        taken[w->count] = kind->facet[k];
-        add_wall(w, n, height);
     }
     if (!exact && (w->count < 2u || abs_f(w->gap_m[0] - at->phi_m[i]) > SAME_VOXELS * s->meta->voxel_m)) {
         w->count = 0u;
