@@ -46,6 +46,12 @@ float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_clust
 uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
 
+/* Purpose  the plane of a sample over an edge of the obstacle: of those through the edge that are below it the one that its piece of the tool lies on.
+ * Shapes   at: what was looked up at the place of lane i; gap_m, normal: by the distance.   Result  gap, m.   Output  *normal: unit, world frame; the
+ *          same where there is no edge, or none that holds. */
+float cr_couple_level(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
+                      cr_vec3 place, float gap_m, cr_vec3 *normal);
+
 /* The walls that a sample must stay before at once: those that meet concavely where it is. */
 typedef struct {
     uint32_t count;

@@ -115,7 +115,7 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
             if (!add_walls(v, &at, i, p, key)) {
                 cr_vec3 n = has_lane(nearer, i) ? lane_of(&normal, i) : plane_of(v, c, &at, i);
                 const float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
-                add_sample(v, key, p, gap, n);
+                add_sample(v, key, p, has_lane(nearer, i) ? gap : cr_couple_level(v, c, &at, i, p, gap, &n), n);
             }
         }
     }

@@ -150,21 +150,69 @@ static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
     share[1] = higher_f(0.0f, b - c * a);
 }
 
-/* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
- * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. World frame. */
+/* How much of each of two normals of the obstacle holds a piece of the tool best. A crease has one way to lie: of all directions between them the one that does not
+ * lean along it; where two edges cross it is at right angles to both. A face has two: it is the one that faces its surface most. way: of the crease, world frame. */
+static void share_normals(const cr_vec3 *n, int crease, cr_vec3 way, cr_vec3 out, float *share) {
+    if (crease) {
+        share[0] = higher_f(0.0f, v3_dot(n[1], way));
+        share[1] = higher_f(0.0f, -v3_dot(n[0], way));
+    } else {
+        share_between(n, v3_scale(out, -1.0f), share);
+    }
+}
+
+/* The normal at a least between two ends, where either gradient alone leans. World frame. */
 static cr_vec3 level_between(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
                              float at, cr_vec3 there) {
     const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
     float share[2];
-    if (has_lane(c->crease_mask, i)) {
-        const cr_vec3 way = xform_rotate(&v->pose, way_of(l, i));
-        share[0] = higher_f(0.0f, v3_dot(n[1], way));
-        share[1] = higher_f(0.0f, -v3_dot(n[0], way));
-    } else {
-        share_between(n, xform_rotate(&v->pose, v3_scale(out_there(c, l, i, at), -1.0f)), share);
-    }
+    share_normals(n, has_lane(c->crease_mask, i), xform_rotate(&v->pose, way_of(l, i)),
+                  xform_rotate(&v->pose, out_there(c, l, i, at)), share);
     const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
     return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
+}
+
+/* The facets of a convex cell that a place is highest above. */
+static void find_highest(const cr_scene *s, const struct cr_img_kind *kind, cr_vec3 place, cr_vec3 *n,
+                         float *height_m) {
+    height_m[0] = height_m[1] = -1e4f;
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
+        const cr_vec3 normal = v3_from(f->normal);
+        const float height = v3_dot(normal, place) - f->offset_m;
+        const int first = height > height_m[0], to = first ? 0 : 1;
+        if (first) {
+            n[1] = n[0];
+            height_m[1] = height_m[0];
+        }
+        if (height > height_m[to] || first) {
+            n[to] = normal;
+            height_m[to] = height;
+        }
+    }
+}
+
+float cr_couple_level(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
+                      cr_vec3 place, float gap_m, cr_vec3 *normal) {
+    const cr_scene *s = v->field->scene;
+    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
+    cr_vec3 n[2] = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
+    float height_m[2], share[2];
+    if (kind->kind != (uint32_t)CR_KIND_CONVEX || !has_lane(at->from_facet, i) ||
+        has_lane(c->vertex_mask, i) || (has_lane(c->crease_mask, i) && !has_lane(at->bent, i))) {
+        return gap_m;
+    }
+    find_highest(s, kind, place, n, height_m);
+    const cr_vec3 way = v3_unit(spread_times(c, i, xform_unrotate(&v->pose, v3_sub(n[1], n[0]))), 0.0f);
+    share_normals(n, has_lane(c->crease_mask, i), xform_rotate(&v->pose, way), xform_rotate(&v->pose, out_of(c, i)),
+                  share);
+    const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
+    const float long_m = v3_norm(sum), above = share[0] * height_m[0] + share[1] * height_m[1];
+    if (!(long_m > GRADIENT_MIN) || above < 0.0f) {
+        return gap_m;
+    }
+    *normal = v3_scale(sum, 1.0f / long_m);
+    return above / long_m;
 }
 
 /* A bit of one set of lanes as it is in another. */
@@ -197,6 +245,29 @@ static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, c
 static int is_flat(const cr_couple_view *v, const cr_lookup *at, int i) {
     const uint32_t kind = v->field->scene->kinds[cr_field_kind(v->field, at, i)].kind;
     return kind == (uint32_t)CR_KIND_PLANAR || kind == (uint32_t)CR_KIND_CONVEX;
+}
+
+/* Whether creases of a cluster end the face of a sample before a place on its plane. Inner edges end nothing. Tool frame. */
+static int is_past(const struct cr_img_cluster *c, uint32_t creases, cr_vec3 sample, cr_vec3 place) {
+    int past = 0;
+    for (uint32_t left = creases & c->crease_mask; left != 0u;) {
+        const int j = take_lane(&left);
+        const cr_vec3 out = out_of(c, j), at = v3(c->x[j], c->y[j], c->z[j]);
+        past |= v3_dot(out, v3_sub(sample, at)) < 0.0f && v3_dot(out, v3_sub(place, at)) > LEAN_MIN_M;
+    }
+    return past;
+}
+
+/* Whether a place on a sample's line is on the tool: the piece of a face may reach beyond the creases beside it. */
+static int is_on_tool(const cr_scene *s, const struct cr_img_cluster *c, int i, cr_vec3 place) {
+    const cr_vec3 sample = v3(c->x[i], c->y[i], c->z[i]);
+    const uint32_t own = (uint32_t)(c - s->clusters);
+    int past = is_past(c, c->beside[i], sample, place);
+    for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u] && !past; k++) {
+        const struct cr_img_neighbour *n = &s->adj[k];
+        past = has_lane(n->mine, i) && is_past(&s->clusters[n->cluster], n->theirs, sample, place);
+    }
+    return !past;
 }
 
 /* What was found at a share of a line becomes one of its ends. */
@@ -233,7 +304,8 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
             const int bent = slope > 0.0f && (slope_of(v, c, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
             put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
             between |= (uint32_t)(tries > 0 || bent) << i;
-            if (counts && there.phi_m[i] < at->phi_m[i]) {
+            if (counts && there.phi_m[i] < at->phi_m[i] &&
+                (has_lane(c->crease_mask, i) || is_on_tool(v->field->scene, c, i, on_piece(c, l, i, share[i])))) {
                 take_found(&there, &found, i, at, place);
                 put_place(normal, i, tries == 0 ? n : level_between(v, c, l, i, share[i], n));
                 *nearer |= 1u << i;
