@@ -28,11 +28,16 @@ void cr_couple_gather(cr_couple_view *view, const cr_pose *tool);
 /* Of each piece of surface of a cluster: the way from its middle to its end, the way the distance falls, in one line. The distance falls at the low end. */
 typedef struct {
     float way_x[CR_LANES], way_y[CR_LANES], way_z[CR_LANES]; /* tool frame */
-    float drop[CR_LANES]; /* how far the piece is behind its plane at the end of that way, m */
+    float bend_x[CR_LANES], bend_y[CR_LANES], bend_z[CR_LANES]; /* from the piece at the end of that way up to its plane; of a crease: its bulge */
     float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES];
     float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
     cr_lanes3 low_gradient, high_gradient; /* world frame */
 } cr_couple_lines;
+
+/* Purpose  samples of round creases, which lie on chords, are raised to the crease.
+ * Output   lines->bend of creases, 0 of faces; place, at: of what was raised.   Cost  a lookup where there are any near. */
+void cr_couple_raise(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
+                     cr_lanes3 *place);
 
 /* Purpose  lines of a cluster's pieces.   Shapes  at: what was looked up at its samples.
  * Output   low_slope: how far a piece reaches down from its middle, less than 0; where a sample is far off, its ramp.

@@ -96,6 +96,7 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
     cr_lanes_to_world(&v->pose, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(v->field, &world, used, &at);
     v->lookups++;
+    cr_couple_raise(v, c, &at, &lines, &world);
     const float clear_m = cr_couple_find_lines(v, c, &at, &lines);
     if (clear_m >= v->margin_m) {
         f->free_m = lower_f(f->free_m, clear_m);

@@ -29,25 +29,41 @@ static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
     places->z[i] = p.z;
 }
 
+static void put_bend(cr_couple_lines *l, int i, cr_vec3 bend) {
+    l->bend_x[i] = bend.x;
+    l->bend_y[i] = bend.y;
+    l->bend_z[i] = bend.z;
+}
+
+static void put_way(cr_couple_lines *l, int i, cr_vec3 way) {
+    l->way_x[i] = way.x;
+    l->way_y[i] = way.y;
+    l->way_z[i] = way.z;
+}
+
 static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
 
 static cr_vec3 out_of(const struct cr_img_cluster *c, int i) { return v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f); }
 
-/* On a piece at a share of its line: a face that bends falls away behind its plane. Tool frame. */
+static cr_vec3 bend_of(const cr_couple_lines *l, int i) { return v3(l->bend_x[i], l->bend_y[i], l->bend_z[i]); }
+
+static cr_vec3 at_sample(const struct cr_img_cluster *c, int i) { return v3(c->x[i], c->y[i], c->z[i]); }
+
+/* On a piece at a share of its line: a face that bends falls away behind its plane, a crease that does bulges beyond the line between its ends. Tool frame. */
 static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    const cr_vec3 p = v3_mad(v3(c->x[i], c->y[i], c->z[i]), way_of(l, i), share);
-    return v3_mad(p, out_of(c, i), -l->drop[i] * share * share);
+    const cr_vec3 p = v3_mad(at_sample(c, i), way_of(l, i), share);
+    return v3_mad(p, bend_of(l, i), (has_lane(c->crease_mask, i) ? 1.0f : 0.0f) - share * share);
 }
 
 /* Where the line goes there. */
-static cr_vec3 along_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    return v3_mad(way_of(l, i), out_of(c, i), -2.0f * l->drop[i] * share);
+static cr_vec3 along_piece(const cr_couple_lines *l, int i, float share) {
+    return v3_mad(way_of(l, i), bend_of(l, i), -2.0f * share);
 }
 
-/* And the surface's normal there. */
+/* And the surface's normal there, of a face. */
 static cr_vec3 out_there(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    const cr_vec3 w = way_of(l, i);
-    return v3_unit(v3_mad(out_of(c, i), w, 2.0f * l->drop[i] * share / v3_dot(w, w)), 0.0f);
+    const cr_vec3 w = way_of(l, i), out = out_of(c, i);
+    return v3_unit(v3_mad(out, w, 2.0f * v3_dot(out, bend_of(l, i)) * share / v3_dot(w, w)), 0.0f);
 }
 
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
@@ -66,6 +82,34 @@ static float drop_of(const struct cr_img_cluster *c, int i, cr_vec3 w) {
     }
     const float least = BESIDE_MIN * c->ramp[i];
     return bottom > least * least * long2 ? clamp_f(0.5f * long2 * top / bottom, 0.0f, c->bow[i]) : c->bow[i];
+}
+
+/* From the middle of a crease's piece to an end. */
+static cr_vec3 crease_way(const struct cr_img_cluster *c, int i) {
+    const float x = c->wxx[i], y = c->wyy[i], z = c->wzz[i], most = higher_f(x, higher_f(y, z));
+    const cr_vec3 row = x >= most   ? v3(x, c->wxy[i], c->wzx[i])
+                        : y >= most ? v3(c->wxy[i], y, c->wyz[i])
+                                    : v3(c->wzx[i], c->wyz[i], z);
+    return v3_scale(row, most > 0.0f ? 0.5f / sqrtf(most) : 0.0f);
+}
+
+/* How far a crease's piece bulges beyond the line between its ends: pieces are straight, and turn from one to the next where it is round. */
+static cr_vec3 bulge_of(const struct cr_img_cluster *c, int i) {
+    const cr_vec3 w = crease_way(c, i), from = at_sample(c, i);
+    const float long2 = v3_dot(w, w);
+    cr_vec3 top = v3(0.0f, 0.0f, 0.0f);
+    float bottom = 0.0f;
+    for (uint32_t left = (uint32_t)(c->beside[i] & c->crease_mask); left != 0u;) {
+        const int j = take_lane(&left);
+        const cr_vec3 other = crease_way(c, j);
+        const float along = v3_dot(w, other), share = v3_dot(w, v3_sub(at_sample(c, j), from)) / long2;
+        const cr_vec3 turned = v3_mad(v3_scale(other, long2 / along), w, -1.0f);
+        if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * long2) {
+            top = v3_mad(top, turned, -0.5f * share);
+            bottom += share * share;
+        }
+    }
+    return bottom > 1.0f ? v3_scale(top, 1.0f / bottom) : v3(0.0f, 0.0f, 0.0f);
 }
 
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
@@ -87,11 +131,9 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
             const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
             const cr_vec3 way = spread_times(c, i, v3(x, y, z));
             const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
-            l->way_x[i] = way.x;
-            l->way_y[i] = way.y;
-            l->way_z[i] = way.z;
+            put_way(l, i, way);
             l->low_slope[i] = -reach;
-            down = long2 > flat2 ? reach : ramp;
+            down = (long2 > flat2 ? reach : ramp) + v3_norm(bend_of(l, i));
         }
         least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
     }
@@ -107,10 +149,10 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
         const float reach = -l->low_slope[i];
         if (reach > LEAN_MIN_M && at->phi_m[i] - reach < v->margin_m + v->slack_m) {
             const float scale = -0.25f / reach;
-            l->way_x[i] *= scale;
-            l->way_y[i] *= scale;
-            l->way_z[i] *= scale;
-            l->drop[i] = drop_of(c, i, way_of(l, i));
+            put_way(l, i, v3_scale(way_of(l, i), scale));
+            if (!has_lane(c->crease_mask, i)) {
+                put_bend(l, i, v3_scale(out_of(c, i), drop_of(c, i, way_of(l, i))));
+            }
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
             put_place(&l->low_gradient, i, gradient_of(at, i));
@@ -132,9 +174,10 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
 
 /* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
  * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
-static float find_least(const cr_couple_lines *l, int i) {
+static float find_least(const cr_couple_view *v, const cr_couple_lines *l, int i) {
     const float steps = l->high[i] - l->low[i];
-    const float bend = 2.0f * higher_f(l->drop[i], BEND_LEAST_M);
+    const float drop = -v3_dot(bend_of(l, i), xform_unrotate(&v->pose, lane_of(&l->low_gradient, i)));
+    const float bend = 2.0f * higher_f(drop, BEND_LEAST_M);
     const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
     const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
     const float meet = less < -BEND_LEAST_M ? clamp_f(rest / less, 0.0f, steps) : 0.5f * steps;
@@ -236,9 +279,35 @@ static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr
     put_place(place, i, lane_of(found, i));
 }
 
-static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
-                      cr_vec3 gradient, float share) {
-    return v3_dot(xform_unrotate(&v->pose, gradient), along_piece(c, l, i, share));
+void cr_couple_raise(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
+                     cr_lanes3 *place) {
+    static const float middle[CR_LANES] = {0.0f};
+    const float far = v->trust_m + v->slack_m;
+    cr_lookup there;
+    uint32_t bulging = 0u;
+    for (int i = 0; i < CR_LANES; i++) {
+        put_bend(l, i, v3(0.0f, 0.0f, 0.0f));
+    }
+    for (uint32_t left = c->crease_mask; left != 0u;) {
+        const int i = take_lane(&left);
+        if (at->phi_m[i] - 2.0f * c->ramp[i] < far) {
+            put_way(l, i, v3(0.0f, 0.0f, 0.0f));
+            put_bend(l, i, bulge_of(c, i));
+            bulging |= (uint32_t)(v3_norm(bend_of(l, i)) > LEAN_MIN_M) << i;
+        }
+    }
+    if (bulging != 0u) {
+        cr_lanes3 found;
+        look_up_at(v, c, l, bulging, middle, &found, &there);
+        while (bulging != 0u) {
+            const int i = take_lane(&bulging);
+            take_found(&there, &found, i, at, place);
+        }
+    }
+}
+
+static float slope_of(const cr_couple_view *v, const cr_couple_lines *l, int i, cr_vec3 gradient, float share) {
+    return v3_dot(xform_unrotate(&v->pose, gradient), along_piece(l, i, share));
 }
 
 /* Whether a place sees flat faces only, that may meet convexly. */
@@ -252,7 +321,7 @@ static int is_past(const struct cr_img_cluster *c, uint32_t creases, cr_vec3 sam
     int past = 0;
     for (uint32_t left = creases & c->crease_mask; left != 0u;) {
         const int j = take_lane(&left);
-        const cr_vec3 out = out_of(c, j), at = v3(c->x[j], c->y[j], c->z[j]);
+        const cr_vec3 out = out_of(c, j), at = at_sample(c, j);
         past |= v3_dot(out, v3_sub(sample, at)) < 0.0f && v3_dot(out, v3_sub(place, at)) > LEAN_MIN_M;
     }
     return past;
@@ -260,7 +329,7 @@ static int is_past(const struct cr_img_cluster *c, uint32_t creases, cr_vec3 sam
 
 /* Whether a place on a sample's line is on the tool: the piece of a face may reach beyond the creases beside it. */
 static int is_on_tool(const cr_scene *s, const struct cr_img_cluster *c, int i, cr_vec3 place) {
-    const cr_vec3 sample = v3(c->x[i], c->y[i], c->z[i]);
+    const cr_vec3 sample = at_sample(c, i);
     const uint32_t own = (uint32_t)(c - s->clusters);
     int past = is_past(c, c->beside[i], sample, place);
     for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u] && !past; k++) {
@@ -290,18 +359,18 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
         uint32_t between = 0u;
         for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = tries == 0 ? 1.0f : find_least(l, i);
+            share[i] = tries == 0 ? 1.0f : find_least(v, l, i);
         }
         look_up_at(v, c, l, asked, share, &found, &there);
         for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
             const cr_vec3 n = gradient_of(&there, i);
-            const float slope = slope_of(v, c, l, i, n, share[i]);
+            const float slope = slope_of(v, l, i, n, share[i]);
             /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
              * be the end itself, and there it falls no steeper than it bends. */
             const int counts = tries > 0 || (has_lane(c->crease_mask, i) && -slope < BEND_MAX * v3_norm(way_of(l, i)));
             /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
-            const int bent = slope > 0.0f && (slope_of(v, c, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
+            const int bent = slope > 0.0f && (slope_of(v, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
             put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
             between |= (uint32_t)(tries > 0 || bent) << i;
             if (counts && there.phi_m[i] < at->phi_m[i] &&
