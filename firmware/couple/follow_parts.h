@@ -31,12 +31,11 @@ typedef struct {
     float bend_x[CR_LANES], bend_y[CR_LANES], bend_z[CR_LANES]; /* from the piece at the end of that way up to its plane; of a crease: its bulge */
     float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES];
     float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
-    cr_lanes3 low_gradient, high_gradient; /* world frame */
+    cr_lanes3 low_gradient, high_gradient; /* tool frame */
 } cr_couple_lines;
 
-/* Purpose  samples of round creases, which lie on chords, are raised to the crease.
- * Output   lines->bend of creases, 0 of faces; place, at: of what was raised.   Cost  a lookup where there are any near. */
-void cr_couple_raise(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
+/* Purpose  samples of round creases, which lie on chords, are raised to the crease.   Output  lines->bend of creases, 0 of faces; place: raised. */
+void cr_couple_raise(const cr_couple_view *view, const struct cr_img_cluster *c, cr_couple_lines *lines,
                      cr_lanes3 *place);
 
 /* Purpose  lines of a cluster's pieces.   Shapes  at: what was looked up at its samples.
@@ -50,12 +49,6 @@ float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_clust
  * Output   bits of those that come nearer elsewhere, and their place, what was looked up there, and normal. */
 uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
                            cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
-
-/* Purpose  the plane of a sample over an edge of the obstacle: of those through the edge that are below it the one that its piece of the tool lies on.
- * Shapes   at: what was looked up at the place of lane i; gap_m, normal: by the distance.   Result  gap, m.   Output  *normal: unit, world frame; the
- *          same where there is no edge, or none that holds. */
-float cr_couple_level(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
-                      cr_vec3 place, float gap_m, cr_vec3 *normal);
 
 /* The walls that a sample must stay before at once: those that meet concavely where it is. */
 typedef struct {

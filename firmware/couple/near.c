@@ -94,9 +94,9 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
     cr_lookup at;
     uint32_t nearer;
     cr_lanes_to_world(&v->pose, c->x, c->y, c->z, &world);
+    cr_couple_raise(v, c, &lines, &world);
     cr_field_look_up_lanes(v->field, &world, used, &at);
     v->lookups++;
-    cr_couple_raise(v, c, &at, &lines, &world);
     const float clear_m = cr_couple_find_lines(v, c, &at, &lines);
     if (clear_m >= v->margin_m) {
         f->free_m = lower_f(f->free_m, clear_m);
@@ -116,7 +116,7 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
             if (!add_walls(v, &at, i, p, key)) {
                 cr_vec3 n = has_lane(nearer, i) ? lane_of(&normal, i) : plane_of(v, c, &at, i);
                 const float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
-                add_sample(v, key, p, has_lane(nearer, i) ? gap : cr_couple_level(v, c, &at, i, p, gap, &n), n);
+                add_sample(v, key, p, gap, n);
             }
         }
     }

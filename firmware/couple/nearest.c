@@ -19,8 +19,9 @@
 /* Times that a least between two ends is looked for. */
 #define BETWEEN_MAX 2
 
-static cr_vec3 gradient_of(const cr_lookup *at, int i) {
-    return v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), GRADIENT_MIN);
+/* Tool frame. */
+static cr_vec3 gradient_of(const cr_couple_view *v, const cr_lookup *at, int i) {
+    return xform_unrotate(&v->pose, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), GRADIENT_MIN));
 }
 
 static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
@@ -112,6 +113,14 @@ static cr_vec3 bulge_of(const struct cr_img_cluster *c, int i) {
     return bottom > 1.0f ? v3_scale(top, 1.0f / bottom) : v3(0.0f, 0.0f, 0.0f);
 }
 
+void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_couple_lines *l, cr_lanes3 *place) {
+    for (int i = 0; i < CR_LANES; i++) {
+        const cr_vec3 bulge = has_lane(c->crease_mask, i) ? bulge_of(c, i) : v3(0.0f, 0.0f, 0.0f);
+        put_bend(l, i, bulge);
+        put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, bulge)));
+    }
+}
+
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
 float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
                            cr_couple_lines *l) {
@@ -155,7 +164,7 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
             }
             l->low[i] = 0.0f;
             l->low_phi[i] = at->phi_m[i];
-            put_place(&l->low_gradient, i, gradient_of(at, i));
+            put_place(&l->low_gradient, i, gradient_of(v, at, i));
             leaning |= 1u << i;
         }
     }
@@ -174,9 +183,9 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
 
 /* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
  * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
-static float find_least(const cr_couple_view *v, const cr_couple_lines *l, int i) {
+static float find_least(const cr_couple_lines *l, int i) {
     const float steps = l->high[i] - l->low[i];
-    const float drop = -v3_dot(bend_of(l, i), xform_unrotate(&v->pose, lane_of(&l->low_gradient, i)));
+    const float drop = -v3_dot(bend_of(l, i), lane_of(&l->low_gradient, i));
     const float bend = 2.0f * higher_f(drop, BEND_LEAST_M);
     const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
     const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
@@ -193,69 +202,21 @@ static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
     share[1] = higher_f(0.0f, b - c * a);
 }
 
-/* How much of each of two normals of the obstacle holds a piece of the tool best. A crease has one way to lie: of all directions between them the one that does not
- * lean along it; where two edges cross it is at right angles to both. A face has two: it is the one that faces its surface most. way: of the crease, world frame. */
-static void share_normals(const cr_vec3 *n, int crease, cr_vec3 way, cr_vec3 out, float *share) {
-    if (crease) {
+/* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
+ * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. Tool frame. */
+static cr_vec3 level_between(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float at,
+                             cr_vec3 there) {
+    const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
+    float share[2];
+    if (has_lane(c->crease_mask, i)) {
+        const cr_vec3 way = way_of(l, i);
         share[0] = higher_f(0.0f, v3_dot(n[1], way));
         share[1] = higher_f(0.0f, -v3_dot(n[0], way));
     } else {
-        share_between(n, v3_scale(out, -1.0f), share);
+        share_between(n, v3_scale(out_there(c, l, i, at), -1.0f), share);
     }
-}
-
-/* The normal at a least between two ends, where either gradient alone leans. World frame. */
-static cr_vec3 level_between(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
-                             float at, cr_vec3 there) {
-    const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
-    float share[2];
-    share_normals(n, has_lane(c->crease_mask, i), xform_rotate(&v->pose, way_of(l, i)),
-                  xform_rotate(&v->pose, out_there(c, l, i, at)), share);
     const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
     return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
-}
-
-/* The facets of a convex cell that a place is highest above. */
-static void find_highest(const cr_scene *s, const struct cr_img_kind *kind, cr_vec3 place, cr_vec3 *n,
-                         float *height_m) {
-    height_m[0] = height_m[1] = -1e4f;
-    for (uint32_t k = 0; k < kind->count; k++) {
-        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
-        const cr_vec3 normal = v3_from(f->normal);
-        const float height = v3_dot(normal, place) - f->offset_m;
-        const int first = height > height_m[0], to = first ? 0 : 1;
-        if (first) {
-            n[1] = n[0];
-            height_m[1] = height_m[0];
-        }
-        if (height > height_m[to] || first) {
-            n[to] = normal;
-            height_m[to] = height;
-        }
-    }
-}
-
-float cr_couple_level(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
-                      cr_vec3 place, float gap_m, cr_vec3 *normal) {
-    const cr_scene *s = v->field->scene;
-    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
-    cr_vec3 n[2] = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
-    float height_m[2], share[2];
-    if (kind->kind != (uint32_t)CR_KIND_CONVEX || !has_lane(at->from_facet, i) ||
-        has_lane(c->vertex_mask, i) || (has_lane(c->crease_mask, i) && !has_lane(at->bent, i))) {
-        return gap_m;
-    }
-    find_highest(s, kind, place, n, height_m);
-    const cr_vec3 way = v3_unit(spread_times(c, i, xform_unrotate(&v->pose, v3_sub(n[1], n[0]))), 0.0f);
-    share_normals(n, has_lane(c->crease_mask, i), xform_rotate(&v->pose, way), xform_rotate(&v->pose, out_of(c, i)),
-                  share);
-    const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
-    const float long_m = v3_norm(sum), above = share[0] * height_m[0] + share[1] * height_m[1];
-    if (!(long_m > GRADIENT_MIN) || above < 0.0f) {
-        return gap_m;
-    }
-    *normal = v3_scale(sum, 1.0f / long_m);
-    return above / long_m;
 }
 
 /* A bit of one set of lanes as it is in another. */
@@ -279,35 +240,8 @@ static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr
     put_place(place, i, lane_of(found, i));
 }
 
-void cr_couple_raise(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
-                     cr_lanes3 *place) {
-    static const float middle[CR_LANES] = {0.0f};
-    const float far = v->trust_m + v->slack_m;
-    cr_lookup there;
-    uint32_t bulging = 0u;
-    for (int i = 0; i < CR_LANES; i++) {
-        put_bend(l, i, v3(0.0f, 0.0f, 0.0f));
-    }
-    for (uint32_t left = c->crease_mask; left != 0u;) {
-        const int i = take_lane(&left);
-        if (at->phi_m[i] - 2.0f * c->ramp[i] < far) {
-            put_way(l, i, v3(0.0f, 0.0f, 0.0f));
-            put_bend(l, i, bulge_of(c, i));
-            bulging |= (uint32_t)(v3_norm(bend_of(l, i)) > LEAN_MIN_M) << i;
-        }
-    }
-    if (bulging != 0u) {
-        cr_lanes3 found;
-        look_up_at(v, c, l, bulging, middle, &found, &there);
-        while (bulging != 0u) {
-            const int i = take_lane(&bulging);
-            take_found(&there, &found, i, at, place);
-        }
-    }
-}
-
-static float slope_of(const cr_couple_view *v, const cr_couple_lines *l, int i, cr_vec3 gradient, float share) {
-    return v3_dot(xform_unrotate(&v->pose, gradient), along_piece(l, i, share));
+static float slope_of(const cr_couple_lines *l, int i, cr_vec3 gradient, float share) {
+    return v3_dot(gradient, along_piece(l, i, share));
 }
 
 /* Whether a place sees flat faces only, that may meet convexly. */
@@ -359,24 +293,24 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
         uint32_t between = 0u;
         for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = tries == 0 ? 1.0f : find_least(v, l, i);
+            share[i] = tries == 0 ? 1.0f : find_least(l, i);
         }
         look_up_at(v, c, l, asked, share, &found, &there);
         for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            const cr_vec3 n = gradient_of(&there, i);
-            const float slope = slope_of(v, l, i, n, share[i]);
+            const cr_vec3 n = gradient_of(v, &there, i);
+            const float slope = slope_of(l, i, n, share[i]);
             /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
              * be the end itself, and there it falls no steeper than it bends. */
             const int counts = tries > 0 || (has_lane(c->crease_mask, i) && -slope < BEND_MAX * v3_norm(way_of(l, i)));
             /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
-            const int bent = slope > 0.0f && (slope_of(v, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
+            const int bent = slope > 0.0f && (slope_of(l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
             put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
             between |= (uint32_t)(tries > 0 || bent) << i;
             if (counts && there.phi_m[i] < at->phi_m[i] &&
                 (has_lane(c->crease_mask, i) || is_on_tool(v->field->scene, c, i, on_piece(c, l, i, share[i])))) {
                 take_found(&there, &found, i, at, place);
-                put_place(normal, i, tries == 0 ? n : level_between(v, c, l, i, share[i], n));
+                put_place(normal, i, xform_rotate(&v->pose, tries == 0 ? n : level_between(c, l, i, share[i], n)));
                 *nearer |= 1u << i;
             }
         }
@@ -396,29 +330,15 @@ static void add_wall(cr_couple_walls *w, cr_vec3 normal, float gap_m) {
     }
 }
 
-/* Whether an edge ends a wall before the foot of a place: one of those that it meets there convexly is higher. Where two of these meet concavely, the wall reaches on
- * beside the one that is lower. */
+/* Whether an edge ends a wall before the foot of a place: one that it meets there convexly is higher. */
 static int is_cut(const cr_scene *s, const struct cr_img_kind *kind, const float *height_m, uint32_t k) {
     const uint32_t own = s->facets[kind->facet[k]].patch;
-    uint32_t higher = 0u, lower = 0u;
-    for (uint32_t g = 0; g < kind->count; g++) {
-        const uint32_t patch = s->facets[kind->facet[g]].patch;
-        const uint32_t bit = (uint32_t)(patch != own && cr_pair_label(s, own, patch) == (uint32_t)CR_PAIR_CONVEX) << g;
-        higher |= height_m[g] > height_m[k] ? bit : 0u;
-        lower |= height_m[g] > height_m[k] ? 0u : bit;
+    int cut = 0;
+    for (uint32_t g = 0; g < kind->count && !cut; g++) {
+        const uint32_t other = s->facets[kind->facet[g]].patch;
+        cut = height_m[g] > height_m[k] && other != own && cr_pair_label(s, own, other) == (uint32_t)CR_PAIR_CONVEX;
     }
-    while (higher != 0u) {
-        const uint32_t g = s->facets[kind->facet[take_lane(&higher)]].patch;
-        int reaches_on = 0;
-        for (uint32_t left = lower; left != 0u;) {
-            const uint32_t other = s->facets[kind->facet[take_lane(&left)]].patch;
-            reaches_on |= cr_pair_label(s, g, other) == (uint32_t)CR_PAIR_CONCAVE;
-        }
-        if (!reaches_on) {
-            return 1;
-        }
-    }
-    return 0;
+    return cut;
 }
 
 /* Whether a facet meets each of those that were taken concavely. */
