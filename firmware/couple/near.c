@@ -89,24 +89,23 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
     const struct cr_img_cluster *c = &v->field->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
     cr_couple_found *f = v->found;
-    cr_couple_lines lines;
     cr_lanes3 world, normal;
     cr_lookup at;
     uint32_t nearer;
     cr_lanes_to_world(&v->pose, c->x, c->y, c->z, &world);
-    cr_couple_raise(v, c, &lines, &world);
+    cr_couple_raise(v, c, &world);
     cr_field_look_up_lanes(v->field, &world, used, &at);
     v->lookups++;
-    const float clear_m = cr_couple_find_lines(v, c, &at, &lines);
+    const float clear_m = cr_couple_find_lines(v, c, &at);
     if (clear_m >= v->margin_m) {
         f->free_m = lower_f(f->free_m, clear_m);
         return clear_m;
     }
-    const uint32_t moved = cr_couple_nearest(v, c, &at, &lines, &world, &nearer, &normal);
+    const uint32_t moved = cr_couple_nearest(v, c, &at, &world, &nearer, &normal);
     for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
         if (at.phi_m[i] >= v->margin_m + v->slack_m) {
-            const float reach = has_lane(moved, i) ? 0.0f : -lines.low_slope[i];
+            const float reach = has_lane(moved, i) ? 0.0f : f->lines[i].reach_m;
             f->free_m = lower_f(f->free_m, at.phi_m[i] - reach - v->slack_m);
         } else if (i % (int)v->every != 0 && !has_lane(c->vertex_mask, i)) {
             f->dropped++;

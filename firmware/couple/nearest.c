@@ -30,41 +30,23 @@ static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
     places->z[i] = p.z;
 }
 
-static void put_bend(cr_couple_lines *l, int i, cr_vec3 bend) {
-    l->bend_x[i] = bend.x;
-    l->bend_y[i] = bend.y;
-    l->bend_z[i] = bend.z;
-}
-
-static void put_way(cr_couple_lines *l, int i, cr_vec3 way) {
-    l->way_x[i] = way.x;
-    l->way_y[i] = way.y;
-    l->way_z[i] = way.z;
-}
-
-static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
-
 static cr_vec3 out_of(const struct cr_img_cluster *c, int i) { return v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f); }
-
-static cr_vec3 bend_of(const cr_couple_lines *l, int i) { return v3(l->bend_x[i], l->bend_y[i], l->bend_z[i]); }
 
 static cr_vec3 at_sample(const struct cr_img_cluster *c, int i) { return v3(c->x[i], c->y[i], c->z[i]); }
 
 /* On a piece at a share of its line: a face that bends falls away behind its plane, a crease that does bulges beyond the line between its ends. Tool frame. */
-static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    const cr_vec3 p = v3_mad(at_sample(c, i), way_of(l, i), share);
-    return v3_mad(p, bend_of(l, i), (has_lane(c->crease_mask, i) ? 1.0f : 0.0f) - share * share);
+static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_line *l, int i, float share) {
+    const cr_vec3 p = v3_mad(at_sample(c, i), l->way, share);
+    return v3_mad(p, l->bend, (has_lane(c->crease_mask, i) ? 1.0f : 0.0f) - share * share);
 }
 
 /* Where the line goes there. */
-static cr_vec3 along_piece(const cr_couple_lines *l, int i, float share) {
-    return v3_mad(way_of(l, i), bend_of(l, i), -2.0f * share);
-}
+static cr_vec3 along_piece(const cr_couple_line *l, float share) { return v3_mad(l->way, l->bend, -2.0f * share); }
 
 /* And the surface's normal there, of a face. */
-static cr_vec3 out_there(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    const cr_vec3 w = way_of(l, i), out = out_of(c, i);
-    return v3_unit(v3_mad(out, w, 2.0f * v3_dot(out, bend_of(l, i)) * share / v3_dot(w, w)), 0.0f);
+static cr_vec3 out_there(const cr_couple_line *l, cr_vec3 out, float share) {
+    const float turn = 2.0f * v3_dot(out, l->bend) * share / v3_dot(l->way, l->way);
+    return v3_unit(v3_mad(out, l->way, turn), 0.0f);
 }
 
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
@@ -113,25 +95,25 @@ static cr_vec3 bulge_of(const struct cr_img_cluster *c, int i) {
     return bottom > 1.0f ? v3_scale(top, 1.0f / bottom) : v3(0.0f, 0.0f, 0.0f);
 }
 
-void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_couple_lines *l, cr_lanes3 *place) {
+void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_lanes3 *place) {
+    cr_couple_line *lines = v->found->lines;
     for (int i = 0; i < CR_LANES; i++) {
-        const cr_vec3 bulge = has_lane(c->crease_mask, i) ? bulge_of(c, i) : v3(0.0f, 0.0f, 0.0f);
-        put_bend(l, i, bulge);
-        put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, bulge)));
+        lines[i].bend = has_lane(c->crease_mask, i) ? bulge_of(c, i) : v3(0.0f, 0.0f, 0.0f);
+        put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, lines[i].bend)));
     }
 }
 
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
-float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
-                           cr_couple_lines *l) {
+float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
     const xform *m = &v->pose;
     const float far = v->trust_m + v->slack_m, flat2 = GRADIENT_MIN * GRADIENT_MIN;
     float least_m = 1e4f;
     for (uint32_t left = first_lanes(c->count); left != 0u;) {
         const int i = take_lane(&left);
         const float phi = at->phi_m[i], ramp = has_lane(c->vertex_mask, i) ? 0.0f : c->ramp[i];
+        cr_couple_line *l = &v->found->lines[i];
         float down = ramp;
-        l->low_slope[i] = -ramp;
+        l->reach_m = ramp;
         if (phi - ramp < far && ramp > 0.0f) {
             const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
             const float scale = long2 > flat2 ? 1.0f / sqrtf(long2) : 0.0f;
@@ -140,9 +122,9 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
             const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
             const cr_vec3 way = spread_times(c, i, v3(x, y, z));
             const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
-            put_way(l, i, way);
-            l->low_slope[i] = -reach;
-            down = (long2 > flat2 ? reach : ramp) + v3_norm(bend_of(l, i));
+            l->way = way;
+            l->reach_m = reach;
+            down = (long2 > flat2 ? reach : ramp) + v3_norm(l->bend);
         }
         least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
     }
@@ -150,31 +132,30 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
 }
 
 /* Lines along which a piece may come near enough to be looked at. */
-static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
-                            cr_couple_lines *l) {
+static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
     uint32_t leaning = 0u, asked = first_lanes(c->count) & ~(uint32_t)c->vertex_mask;
     while (asked != 0u) {
         const int i = take_lane(&asked);
-        const float reach = -l->low_slope[i];
-        if (reach > LEAN_MIN_M && at->phi_m[i] - reach < v->margin_m + v->slack_m) {
-            const float scale = -0.25f / reach;
-            put_way(l, i, v3_scale(way_of(l, i), scale));
+        cr_couple_line *l = &v->found->lines[i];
+        if (l->reach_m > LEAN_MIN_M && at->phi_m[i] - l->reach_m < v->margin_m + v->slack_m) {
+            l->way = v3_scale(l->way, -0.25f / l->reach_m);
             if (!has_lane(c->crease_mask, i)) {
-                put_bend(l, i, v3_scale(out_of(c, i), drop_of(c, i, way_of(l, i))));
+                l->bend = v3_scale(out_of(c, i), drop_of(c, i, l->way));
             }
-            l->low[i] = 0.0f;
-            l->low_phi[i] = at->phi_m[i];
-            put_place(&l->low_gradient, i, gradient_of(v, at, i));
+            l->low.share = 0.0f;
+            l->low.phi_m = at->phi_m[i];
+            l->low.slope = -l->reach_m;
+            l->low.gradient = gradient_of(v, at, i);
             leaning |= 1u << i;
         }
     }
     return leaning;
 }
 
-static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, uint32_t lanes,
-                       const float *share, cr_lanes3 *place, cr_lookup *at) {
+static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, uint32_t lanes, const float *share,
+                       cr_lanes3 *place, cr_lookup *at) {
     for (int i = 0; i < CR_LANES; i++) {
-        const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, l, i, share[i]) : v3(c->x[0], c->y[0], c->z[0]);
+        const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, &v->found->lines[i], i, share[i]) : at_sample(c, 0);
         put_place(place, i, xform_point(&v->pose, p));
     }
     cr_field_look_up_lanes(v->field, place, lanes, at);
@@ -183,16 +164,15 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
 
 /* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
  * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
-static float find_least(const cr_couple_lines *l, int i) {
-    const float steps = l->high[i] - l->low[i];
-    const float drop = -v3_dot(bend_of(l, i), lane_of(&l->low_gradient, i));
-    const float bend = 2.0f * higher_f(drop, BEND_LEAST_M);
-    const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
-    const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
+static float find_least(const cr_couple_line *l) {
+    const float steps = l->high.share - l->low.share;
+    const float bend = 2.0f * higher_f(-v3_dot(l->bend, l->low.gradient), BEND_LEAST_M);
+    const float less = l->low.slope + bend * steps - l->high.slope;
+    const float rest = l->high.phi_m - l->low.phi_m - (l->high.slope - 0.5f * bend * steps) * steps;
     const float meet = less < -BEND_LEAST_M ? clamp_f(rest / less, 0.0f, steps) : 0.5f * steps;
-    const float low = -l->low_slope[i] / bend, high = steps - l->high_slope[i] / bend;
+    const float low = -l->low.slope / bend, high = steps - l->high.slope / bend;
     const float t = lower_f(low, higher_f(meet, high));
-    return l->low[i] + (t > 0.0f && t < steps ? t : 0.5f * steps);
+    return l->low.share + (t > 0.0f && t < steps ? t : 0.5f * steps);
 }
 
 /* Of all directions between two the one nearest to a third: how much of each. */
@@ -204,16 +184,15 @@ static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
 
 /* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
  * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. Tool frame. */
-static cr_vec3 level_between(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float at,
+static cr_vec3 level_between(const struct cr_img_cluster *c, const cr_couple_line *l, int i, float at,
                              cr_vec3 there) {
-    const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
+    const cr_vec3 n[2] = {l->low.gradient, l->high.gradient};
     float share[2];
     if (has_lane(c->crease_mask, i)) {
-        const cr_vec3 way = way_of(l, i);
-        share[0] = higher_f(0.0f, v3_dot(n[1], way));
-        share[1] = higher_f(0.0f, -v3_dot(n[0], way));
+        share[0] = higher_f(0.0f, v3_dot(n[1], l->way));
+        share[1] = higher_f(0.0f, -v3_dot(n[0], l->way));
     } else {
-        share_between(n, v3_scale(out_there(c, l, i, at), -1.0f), share);
+        share_between(n, v3_scale(out_there(l, out_of(c, i), at), -1.0f), share);
     }
     const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
     return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
@@ -238,10 +217,6 @@ static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr
     at->from_facet = with_lane(at->from_facet, there->from_facet, i);
     at->bent = with_lane(at->bent, there->bent, i);
     put_place(place, i, lane_of(found, i));
-}
-
-static float slope_of(const cr_couple_lines *l, int i, cr_vec3 gradient, float share) {
-    return v3_dot(gradient, along_piece(l, i, share));
 }
 
 /* Whether a place sees flat faces only, that may meet convexly. */
@@ -273,42 +248,36 @@ static int is_on_tool(const cr_scene *s, const struct cr_img_cluster *c, int i, 
     return !past;
 }
 
-/* What was found at a share of a line becomes one of its ends. */
-static void put_end(cr_couple_lines *l, int i, int high, float share, float phi_m, float slope, cr_vec3 gradient) {
-    (high ? l->high : l->low)[i] = share;
-    (high ? l->high_phi : l->low_phi)[i] = phi_m;
-    (high ? l->high_slope : l->low_slope)[i] = slope;
-    put_place(high ? &l->high_gradient : &l->low_gradient, i, gradient);
-}
-
-uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
-                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
+uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_lanes3 *place,
+                           uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
     cr_lanes3 found;
     float share[CR_LANES];
-    const uint32_t leaning = begin_lines(v, c, at, l);
+    const uint32_t leaning = begin_lines(v, c, at);
     uint32_t asked = leaning;
     *nearer = 0u;
     for (int tries = 0; tries <= BETWEEN_MAX && asked != 0u; tries++) {
         uint32_t between = 0u;
         for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = tries == 0 ? 1.0f : find_least(l, i);
+            share[i] = tries == 0 ? 1.0f : find_least(&v->found->lines[i]);
         }
-        look_up_at(v, c, l, asked, share, &found, &there);
+        look_up_at(v, c, asked, share, &found, &there);
         for (uint32_t left = asked; left != 0u;) {
-            const int i = take_lane(&left);
+            const int i = take_lane(&left), crease = has_lane(c->crease_mask, i);
+            cr_couple_line *l = &v->found->lines[i];
             const cr_vec3 n = gradient_of(v, &there, i);
-            const float slope = slope_of(l, i, n, share[i]);
+            const float slope = v3_dot(n, along_piece(l, share[i]));
             /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
              * be the end itself, and there it falls no steeper than it bends. */
-            const int counts = tries > 0 || (has_lane(c->crease_mask, i) && -slope < BEND_MAX * v3_norm(way_of(l, i)));
+            const int counts = tries > 0 || (crease && -slope < BEND_MAX * v3_norm(l->way));
             /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
-            const int bent = slope > 0.0f && (slope_of(l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
-            put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
+            const int bent = slope > 0.0f && (v3_dot(n, along_piece(l, 0.0f)) > 0.0f || is_flat(v, at, i));
+            const cr_couple_end end = {share[i], there.phi_m[i], slope, n};
+            *(tries == 0 || slope > 0.0f ? &l->high : &l->low) = end;
             between |= (uint32_t)(tries > 0 || bent) << i;
             if (counts && there.phi_m[i] < at->phi_m[i] &&
-                (has_lane(c->crease_mask, i) || is_on_tool(v->field->scene, c, i, on_piece(c, l, i, share[i])))) {
+                (crease || is_on_tool(v->field->scene, c, i, on_piece(c, l, i, share[i])))) {
                 take_found(&there, &found, i, at, place);
                 put_place(normal, i, xform_rotate(&v->pose, tries == 0 ? n : level_between(c, l, i, share[i], n)));
                 *nearer |= 1u << i;
