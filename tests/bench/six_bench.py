@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import six_compare
 import six_judge
+import six_least
 import six_report
 import six_run
 from crease.base.scene import Scene
@@ -80,6 +81,8 @@ def judge_scene(case: Case, scene: Scene, extent: Extent) -> list[Row]:
         ),
         Row.most(case.name, "ticks with a fault, or left behind in the end", 0.0, _trouble(rows)),
     ]
+    if not found[2].kept and friction <= 0.0:
+        found += _beside_least(case, felt)
     if len(case.exact[0]):
         off = six_judge.wrench_rms_mm(case, felt.wrench)
         for name, value in zip(("force off", "torque off"), off, strict=True):
@@ -101,6 +104,21 @@ def judge_scene(case: Case, scene: Scene, extent: Extent) -> list[Row]:
                 )
             )
     return found
+
+
+def _beside_least(case: Case, felt: Felt) -> list[Row]:
+    """What the scene itself does: the held tool by least motion over the meshes. No goals."""
+    right, half = (six_least.follow(case, p)[0] for p in (case.path, six_judge.halved(case.path)))
+    whole, halves = (six_judge.largest_change_N(case, f.wrench) for f in (right, half))
+    force, torque = six_judge.off_rms_mm(case, felt.wrench, right.wrench)
+    return [
+        Row.most(case.name, what, 0.0, value, False)
+        for what, value in (
+            ("change at half the step, least motion over the meshes", halves / whole),
+            ("force off least motion, mm RMS", force),
+            ("torque off least motion, mm RMS", torque),
+        )
+    ]
 
 
 def _trouble(rows: npt.NDArray[np.void]) -> float:

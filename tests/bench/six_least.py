@@ -63,8 +63,7 @@ class Body:
         order = np.lexsort((ways[:, 0], ways.max(axis=1), ways.min(axis=1)))
         one, two = order[::2], order[1::2]
         a, b = owner[one], owner[two]
-        beyond = np.setdiff1d(np.arange(len(v)), [])  # all
-        opposite = np.array([beyond[faces[t].sum() - ways[e].sum()] for t, e in zip(b, two, strict=True)])
+        opposite = faces[b].sum(axis=1) - ways[two].sum(axis=1)
         rises = np.einsum("ij,ij->i", normal[a], v[opposite] - v[ways[one, 0]])
         sharp = (np.einsum("ij,ij->i", normal[a], normal[b]) < FLAT) & (rises < 0.0)
         ends = ways[one[sharp]]
@@ -127,7 +126,7 @@ def _between_segments(a: F64, b: F64) -> tuple[F64, F64]:
 
 
 class Least:
-    """One tool in one scene; a method as of six_run."""
+    """One tool in one scene; a method as of six_run.Method."""
 
     def __init__(self, case: Case) -> None:
         self._static, self._tool = Body.of(case.mesh("static")), Body.of(case.mesh("tool"))
@@ -195,8 +194,7 @@ class Least:
 
 def _least(rows: F64, least: F64) -> F64:
     """The shortest y with rows @ y >= least (Lawson, Hanson 1974)."""
-    binds = least > -np.inf
-    if not binds.any() or not (least > 0.0).any():
+    if not (least > 0.0).any():
         return np.zeros(6)
     e = np.vstack([rows.T, least])
     f = np.zeros(7)
