@@ -139,6 +139,19 @@ typedef struct {
     uint32_t key[CR_LANES]; /* of the sample and the plane: they rise */
 } cr_couple_near;
 
+/* A place on the line of a piece of surface, and what was looked up there. */
+typedef struct {
+    float share, phi_m, slope;
+    cr_vec3 gradient; /* tool frame */
+} cr_couple_end;
+
+/* Of a sample's piece of surface: the way from its middle to its end, the way the distance falls, in one line. Tool frame. */
+typedef struct {
+    cr_vec3 way, bend; /* bend: from the piece at the end of that way up to its plane; of a crease: how far it bulges */
+    float reach_m;     /* how far the piece reaches down from its middle */
+    cr_couple_end low, high; /* the distance falls at the low one */
+} cr_couple_line;
+
 /* What is round the held tool: what was near where it was looked at last, and how far the tool may go before the rest has to be looked at. */
 typedef struct {
     const void *image; /* of the scene that was looked in; null: not yet */
@@ -150,6 +163,7 @@ typedef struct {
     uint32_t crowded;  /* 1: of these, some had no room */
     uint32_t near_count;
     cr_couple_near near[CR_COUPLE_NEAR_MAX / CR_LANES];
+    cr_couple_line lines[CR_LANES]; /* of the samples that are looked at: nothing of them outlives that */
 
     /* How far the tool may have moved since a sphere was looked at: contact/DESIGN.md "Detect". */
     cr_pose tool;

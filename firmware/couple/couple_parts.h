@@ -12,7 +12,7 @@
 
 /* A point behind its plane is pushed by so much of the coupling's stiffness: soft enough for float32, and so hard that a pull of 10 mm leaves it 2.4 um
  * inside. Contacts that contradict each other share what is left by it. */
-#define CR_COUPLE_HARD 4096.0f
+#define CR_COUPLE_HARD 16384.0f
 
 /* Along the plane friction holds a point by so much of the coupling's stiffness: what it carries bends it, 3 um for 3 mm of pull, and comes back. */
 #define CR_COUPLE_GRIP 1024.0f

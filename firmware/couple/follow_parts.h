@@ -25,26 +25,19 @@ typedef struct {
  * Output   view->found: free_m, dropped, near_count, near: one sample at most once, keys rise.   Cost  lookups, of 16 points. */
 void cr_couple_gather(cr_couple_view *view, const cr_pose *tool);
 
-/* Of each piece of surface of a cluster: the way from its middle to its end, the way the distance falls, in one line. The distance falls at the low end. */
-typedef struct {
-    float way_x[CR_LANES], way_y[CR_LANES], way_z[CR_LANES]; /* tool frame */
-    float drop[CR_LANES]; /* how far the piece is behind its plane at the end of that way, m */
-    float low[CR_LANES], low_phi[CR_LANES], low_slope[CR_LANES];
-    float high[CR_LANES], high_phi[CR_LANES], high_slope[CR_LANES];
-    cr_lanes3 low_gradient, high_gradient; /* world frame */
-} cr_couple_lines;
+/* Purpose  samples of round creases, which lie on chords, are raised to the crease.   Output  bend of view->found->lines; place: raised. */
+void cr_couple_raise(const cr_couple_view *view, const struct cr_img_cluster *c, cr_lanes3 *place);
 
-/* Purpose  lines of a cluster's pieces.   Shapes  at: what was looked up at its samples.
- * Output   low_slope: how far a piece reaches down from its middle, less than 0; where a sample is far off, its ramp.
+/* Purpose  lines of a cluster's pieces, view->found->lines.   Shapes  at: what was looked up at its samples.
+ * Output   their ways, and how far each reaches down from its middle: where a sample is far off, its ramp.
  *          Result  no piece is anywhere nearer, m, slack taken off. */
-float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_cluster *c, const cr_lookup *at,
-                           cr_couple_lines *lines);
+float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_cluster *c, const cr_lookup *at);
 
-/* Purpose  where the pieces of surface of some samples of a cluster come nearest.
- * Shapes   place: of the samples, world frame; at: what was looked up there; lines: theirs.   Result  bits of those whose piece was looked at.
+/* Purpose  where the pieces of surface of some samples of a cluster come nearest, along their lines.
+ * Shapes   place: of the samples, world frame; at: what was looked up there.   Result  bits of those whose piece was looked at.
  * Output   bits of those that come nearer elsewhere, and their place, what was looked up there, and normal. */
-uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *lines,
-                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal);
+uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_lanes3 *place,
+                           uint32_t *nearer, cr_lanes3 *normal);
 
 /* The walls that a sample must stay before at once: those that meet concavely where it is. */
 typedef struct {

@@ -59,12 +59,16 @@ static float sharpen(const cr_couple_view *v, const cr_lookup *at, int i, cr_vec
     return same ? height : phi_m;
 }
 
-/* A plane for each wall.   Output  whether there are any. */
+/* A plane for each wall that is near.   Output  whether there are any. */
 static int add_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, uint32_t key) {
     cr_couple_walls w;
     cr_couple_find_walls(v, at, i, place, &w);
     for (uint32_t k = 0; k < w.count; k++) {
-        add_near(v->found, key + k, v3_sub(place, v->middle), w.gap_m[k], w.normal[k]);
+        if (w.gap_m[k] < v->margin_m + v->slack_m) {
+            add_near(v->found, key + k, v3_sub(place, v->middle), w.gap_m[k], w.normal[k]);
+        } else {
+            v->found->free_m = lower_f(v->found->free_m, w.gap_m[k] - v->slack_m);
+        }
     }
     return w.count > 0u;
 }
@@ -85,23 +89,23 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
     const struct cr_img_cluster *c = &v->field->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
     cr_couple_found *f = v->found;
-    cr_couple_lines lines;
     cr_lanes3 world, normal;
     cr_lookup at;
     uint32_t nearer;
     cr_lanes_to_world(&v->pose, c->x, c->y, c->z, &world);
+    cr_couple_raise(v, c, &world);
     cr_field_look_up_lanes(v->field, &world, used, &at);
     v->lookups++;
-    const float clear_m = cr_couple_find_lines(v, c, &at, &lines);
+    const float clear_m = cr_couple_find_lines(v, c, &at);
     if (clear_m >= v->margin_m) {
         f->free_m = lower_f(f->free_m, clear_m);
         return clear_m;
     }
-    const uint32_t moved = cr_couple_nearest(v, c, &at, &lines, &world, &nearer, &normal);
+    const uint32_t moved = cr_couple_nearest(v, c, &at, &world, &nearer, &normal);
     for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
         if (at.phi_m[i] >= v->margin_m + v->slack_m) {
-            const float reach = has_lane(moved, i) ? 0.0f : -lines.low_slope[i];
+            const float reach = has_lane(moved, i) ? 0.0f : f->lines[i].reach_m;
             f->free_m = lower_f(f->free_m, at.phi_m[i] - reach - v->slack_m);
         } else if (i % (int)v->every != 0 && !has_lane(c->vertex_mask, i)) {
             f->dropped++;

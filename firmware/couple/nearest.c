@@ -1,10 +1,9 @@
 /* What of the obstacle holds a sample: walls that meet, and where a piece of the tool's surface comes nearest: an edge or a corner of that may reach between two samples. */
 #include "couple/follow_parts.h"
 
-/* In a cell of many facets, shares of a voxel: a sample is no deeper behind a wall; a wall's foot is no farther from the surface; the nearest wall explains
- * the distance so well, as walls that meet bend that between samples of the image. */
+/* In a cell of many facets, shares of a voxel: a sample is no deeper behind a wall; the nearest wall explains the distance so well, as
+ * walls that meet bend that between samples of the image. */
 #define BEHIND_VOXELS 0.3f
-#define FOOT_VOXELS 0.3f
 #define SAME_VOXELS 0.3f
 
 /* A crease that turns by more has a sample of its own there (TIP_TURN in host/crease/bake/features.py). */
@@ -12,7 +11,7 @@
 /* A gradient that is shorter tells no direction. */
 #define GRADIENT_MIN 0.1f
 /* A piece is looked at where its end is nearer than its middle by more, m. */
-#define LEAN_MIN_M 1e-6f
+#define LEAN_MIN_M 1e-7f
 /* The least bend of a distance along a line, m: rounding. */
 #define BEND_LEAST_M 1e-9f
 /* How samples beside a piece tell its bend: where they are farther along its line than this share of its ramp. */
@@ -20,8 +19,9 @@
 /* Times that a least between two ends is looked for. */
 #define BETWEEN_MAX 2
 
-static cr_vec3 gradient_of(const cr_lookup *at, int i) {
-    return v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), GRADIENT_MIN);
+/* Tool frame. */
+static cr_vec3 gradient_of(const cr_couple_view *v, const cr_lookup *at, int i) {
+    return xform_unrotate(&v->pose, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), GRADIENT_MIN));
 }
 
 static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
@@ -30,25 +30,23 @@ static void put_place(cr_lanes3 *places, int i, cr_vec3 p) {
     places->z[i] = p.z;
 }
 
-static cr_vec3 way_of(const cr_couple_lines *l, int i) { return v3(l->way_x[i], l->way_y[i], l->way_z[i]); }
-
 static cr_vec3 out_of(const struct cr_img_cluster *c, int i) { return v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f); }
 
-/* On a piece at a share of its line: a face that bends falls away behind its plane. Tool frame. */
-static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    const cr_vec3 p = v3_mad(v3(c->x[i], c->y[i], c->z[i]), way_of(l, i), share);
-    return v3_mad(p, out_of(c, i), -l->drop[i] * share * share);
+static cr_vec3 at_sample(const struct cr_img_cluster *c, int i) { return v3(c->x[i], c->y[i], c->z[i]); }
+
+/* On a piece at a share of its line: a face that bends falls away behind its plane, a crease that does bulges beyond the line between its ends. Tool frame. */
+static cr_vec3 on_piece(const struct cr_img_cluster *c, const cr_couple_line *l, int i, float share) {
+    const cr_vec3 p = v3_mad(at_sample(c, i), l->way, share);
+    return v3_mad(p, l->bend, (has_lane(c->crease_mask, i) ? 1.0f : 0.0f) - share * share);
 }
 
 /* Where the line goes there. */
-static cr_vec3 along_piece(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    return v3_mad(way_of(l, i), out_of(c, i), -2.0f * l->drop[i] * share);
-}
+static cr_vec3 along_piece(const cr_couple_line *l, float share) { return v3_mad(l->way, l->bend, -2.0f * share); }
 
-/* And the surface's normal there. */
-static cr_vec3 out_there(const struct cr_img_cluster *c, const cr_couple_lines *l, int i, float share) {
-    const cr_vec3 w = way_of(l, i);
-    return v3_unit(v3_mad(out_of(c, i), w, 2.0f * l->drop[i] * share / v3_dot(w, w)), 0.0f);
+/* And the surface's normal there, of a face. */
+static cr_vec3 out_there(const cr_couple_line *l, cr_vec3 out, float share) {
+    const float turn = 2.0f * v3_dot(out, l->bend) * share / v3_dot(l->way, l->way);
+    return v3_unit(v3_mad(out, l->way, turn), 0.0f);
 }
 
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
@@ -69,17 +67,53 @@ static float drop_of(const struct cr_img_cluster *c, int i, cr_vec3 w) {
     return bottom > least * least * long2 ? clamp_f(0.5f * long2 * top / bottom, 0.0f, c->bow[i]) : c->bow[i];
 }
 
+/* From the middle of a crease's piece to an end. */
+static cr_vec3 crease_way(const struct cr_img_cluster *c, int i) {
+    const float x = c->wxx[i], y = c->wyy[i], z = c->wzz[i], most = higher_f(x, higher_f(y, z));
+    const cr_vec3 row = x >= most   ? v3(x, c->wxy[i], c->wzx[i])
+                        : y >= most ? v3(c->wxy[i], y, c->wyz[i])
+                                    : v3(c->wzx[i], c->wyz[i], z);
+    return v3_scale(row, most > 0.0f ? 0.5f / sqrtf(most) : 0.0f);
+}
+
+/* How far a crease's piece bulges beyond the line between its ends: pieces are straight, and turn from one to the next where it is round. */
+static cr_vec3 bulge_of(const struct cr_img_cluster *c, int i) {
+    const cr_vec3 w = crease_way(c, i), from = at_sample(c, i);
+    const float long2 = v3_dot(w, w);
+    cr_vec3 top = v3(0.0f, 0.0f, 0.0f);
+    float bottom = 0.0f;
+    for (uint32_t left = (uint32_t)(c->beside[i] & c->crease_mask); left != 0u;) {
+        const int j = take_lane(&left);
+        const cr_vec3 other = crease_way(c, j);
+        const float along = v3_dot(w, other), share = v3_dot(w, v3_sub(at_sample(c, j), from)) / long2;
+        const cr_vec3 turned = v3_mad(v3_scale(other, long2 / along), w, -1.0f);
+        if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * long2) {
+            top = v3_mad(top, turned, -0.5f * share);
+            bottom += share * share;
+        }
+    }
+    return bottom > 1.0f ? v3_scale(top, 1.0f / bottom) : v3(0.0f, 0.0f, 0.0f);
+}
+
+void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_lanes3 *place) {
+    cr_couple_line *lines = v->found->lines;
+    for (int i = 0; i < CR_LANES; i++) {
+        lines[i].bend = has_lane(c->crease_mask, i) ? bulge_of(c, i) : v3(0.0f, 0.0f, 0.0f);
+        put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, lines[i].bend)));
+    }
+}
+
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
-float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
-                           cr_couple_lines *l) {
+float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
     const xform *m = &v->pose;
     const float far = v->trust_m + v->slack_m, flat2 = GRADIENT_MIN * GRADIENT_MIN;
     float least_m = 1e4f;
     for (uint32_t left = first_lanes(c->count); left != 0u;) {
         const int i = take_lane(&left);
         const float phi = at->phi_m[i], ramp = has_lane(c->vertex_mask, i) ? 0.0f : c->ramp[i];
+        cr_couple_line *l = &v->found->lines[i];
         float down = ramp;
-        l->low_slope[i] = -ramp;
+        l->reach_m = ramp;
         if (phi - ramp < far && ramp > 0.0f) {
             const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
             const float scale = long2 > flat2 ? 1.0f / sqrtf(long2) : 0.0f;
@@ -88,11 +122,9 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
             const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
             const cr_vec3 way = spread_times(c, i, v3(x, y, z));
             const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
-            l->way_x[i] = way.x;
-            l->way_y[i] = way.y;
-            l->way_z[i] = way.z;
-            l->low_slope[i] = -reach;
-            down = long2 > flat2 ? reach : ramp;
+            l->way = way;
+            l->reach_m = reach;
+            down = (long2 > flat2 ? reach : ramp) + v3_norm(l->bend);
         }
         least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
     }
@@ -100,31 +132,30 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
 }
 
 /* Lines along which a piece may come near enough to be looked at. */
-static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at,
-                            cr_couple_lines *l) {
+static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
     uint32_t leaning = 0u, asked = first_lanes(c->count) & ~(uint32_t)c->vertex_mask;
     while (asked != 0u) {
         const int i = take_lane(&asked);
-        const float reach = -l->low_slope[i];
-        if (reach > LEAN_MIN_M && at->phi_m[i] - reach < v->margin_m + v->slack_m) {
-            const float scale = -0.25f / reach;
-            l->way_x[i] *= scale;
-            l->way_y[i] *= scale;
-            l->way_z[i] *= scale;
-            l->drop[i] = drop_of(c, i, way_of(l, i));
-            l->low[i] = 0.0f;
-            l->low_phi[i] = at->phi_m[i];
-            put_place(&l->low_gradient, i, gradient_of(at, i));
+        cr_couple_line *l = &v->found->lines[i];
+        if (l->reach_m > LEAN_MIN_M && at->phi_m[i] - l->reach_m < v->margin_m + v->slack_m) {
+            l->way = v3_scale(l->way, -0.25f / l->reach_m);
+            if (!has_lane(c->crease_mask, i)) {
+                l->bend = v3_scale(out_of(c, i), drop_of(c, i, l->way));
+            }
+            l->low.share = 0.0f;
+            l->low.phi_m = at->phi_m[i];
+            l->low.slope = -l->reach_m;
+            l->low.gradient = gradient_of(v, at, i);
             leaning |= 1u << i;
         }
     }
     return leaning;
 }
 
-static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, uint32_t lanes,
-                       const float *share, cr_lanes3 *place, cr_lookup *at) {
+static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, uint32_t lanes, const float *share,
+                       cr_lanes3 *place, cr_lookup *at) {
     for (int i = 0; i < CR_LANES; i++) {
-        const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, l, i, share[i]) : v3(c->x[0], c->y[0], c->z[0]);
+        const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, &v->found->lines[i], i, share[i]) : at_sample(c, 0);
         put_place(place, i, xform_point(&v->pose, p));
     }
     cr_field_look_up_lanes(v->field, place, lanes, at);
@@ -133,15 +164,15 @@ static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, const 
 
 /* Least of a line of which both ends are known. The distance to a plane bends as the piece does: either end goes on in a parabola, and the least is where the two
  * meet, as over an edge, or at the lowest place of the one that is higher there. Exact where there is one edge, or none. */
-static float find_least(const cr_couple_lines *l, int i) {
-    const float steps = l->high[i] - l->low[i];
-    const float bend = 2.0f * higher_f(l->drop[i], BEND_LEAST_M);
-    const float less = l->low_slope[i] + bend * steps - l->high_slope[i];
-    const float rest = l->high_phi[i] - l->low_phi[i] - (l->high_slope[i] - 0.5f * bend * steps) * steps;
+static float find_least(const cr_couple_line *l) {
+    const float steps = l->high.share - l->low.share;
+    const float bend = 2.0f * higher_f(-v3_dot(l->bend, l->low.gradient), BEND_LEAST_M);
+    const float less = l->low.slope + bend * steps - l->high.slope;
+    const float rest = l->high.phi_m - l->low.phi_m - (l->high.slope - 0.5f * bend * steps) * steps;
     const float meet = less < -BEND_LEAST_M ? clamp_f(rest / less, 0.0f, steps) : 0.5f * steps;
-    const float low = -l->low_slope[i] / bend, high = steps - l->high_slope[i] / bend;
+    const float low = -l->low.slope / bend, high = steps - l->high.slope / bend;
     const float t = lower_f(low, higher_f(meet, high));
-    return l->low[i] + (t > 0.0f && t < steps ? t : 0.5f * steps);
+    return l->low.share + (t > 0.0f && t < steps ? t : 0.5f * steps);
 }
 
 /* Of all directions between two the one nearest to a third: how much of each. */
@@ -152,17 +183,16 @@ static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
 }
 
 /* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
- * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. World frame. */
-static cr_vec3 level_between(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
-                             float at, cr_vec3 there) {
-    const cr_vec3 n[2] = {lane_of(&l->low_gradient, i), lane_of(&l->high_gradient, i)};
+ * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. Tool frame. */
+static cr_vec3 level_between(const struct cr_img_cluster *c, const cr_couple_line *l, int i, float at,
+                             cr_vec3 there) {
+    const cr_vec3 n[2] = {l->low.gradient, l->high.gradient};
     float share[2];
     if (has_lane(c->crease_mask, i)) {
-        const cr_vec3 way = xform_rotate(&v->pose, way_of(l, i));
-        share[0] = higher_f(0.0f, v3_dot(n[1], way));
-        share[1] = higher_f(0.0f, -v3_dot(n[0], way));
+        share[0] = higher_f(0.0f, v3_dot(n[1], l->way));
+        share[1] = higher_f(0.0f, -v3_dot(n[0], l->way));
     } else {
-        share_between(n, xform_rotate(&v->pose, v3_scale(out_there(c, l, i, at), -1.0f)), share);
+        share_between(n, v3_scale(out_there(l, out_of(c, i), at), -1.0f), share);
     }
     const cr_vec3 sum = v3_mad(v3_scale(n[0], share[0]), n[1], share[1]);
     return v3_norm(sum) > GRADIENT_MIN * (share[0] + share[1]) ? v3_unit(sum, 0.0f) : there;
@@ -189,75 +219,73 @@ static void take_found(const cr_lookup *there, const cr_lanes3 *found, int i, cr
     put_place(place, i, lane_of(found, i));
 }
 
-static float slope_of(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_couple_lines *l, int i,
-                      cr_vec3 gradient, float share) {
-    return v3_dot(xform_unrotate(&v->pose, gradient), along_piece(c, l, i, share));
-}
-
 /* Whether a place sees flat faces only, that may meet convexly. */
 static int is_flat(const cr_couple_view *v, const cr_lookup *at, int i) {
     const uint32_t kind = v->field->scene->kinds[cr_field_kind(v->field, at, i)].kind;
     return kind == (uint32_t)CR_KIND_PLANAR || kind == (uint32_t)CR_KIND_CONVEX;
 }
 
-/* What was found at a share of a line becomes one of its ends. */
-static void put_end(cr_couple_lines *l, int i, int high, float share, float phi_m, float slope, cr_vec3 gradient) {
-    (high ? l->high : l->low)[i] = share;
-    (high ? l->high_phi : l->low_phi)[i] = phi_m;
-    (high ? l->high_slope : l->low_slope)[i] = slope;
-    put_place(high ? &l->high_gradient : &l->low_gradient, i, gradient);
+/* Whether creases of a cluster end the face of a sample before a place on its plane. Inner edges end nothing. Tool frame. */
+static int is_past(const struct cr_img_cluster *c, uint32_t creases, cr_vec3 sample, cr_vec3 place) {
+    int past = 0;
+    for (uint32_t left = creases & c->crease_mask; left != 0u;) {
+        const int j = take_lane(&left);
+        const cr_vec3 out = out_of(c, j), at = at_sample(c, j);
+        past |= v3_dot(out, v3_sub(sample, at)) < 0.0f && v3_dot(out, v3_sub(place, at)) > LEAN_MIN_M;
+    }
+    return past;
 }
 
-uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_couple_lines *l,
-                           cr_lanes3 *place, uint32_t *nearer, cr_lanes3 *normal) {
+/* Whether a place on a sample's line is on the tool: the piece of a face may reach beyond the creases beside it. */
+static int is_on_tool(const cr_scene *s, const struct cr_img_cluster *c, int i, cr_vec3 place) {
+    const cr_vec3 sample = at_sample(c, i);
+    const uint32_t own = (uint32_t)(c - s->clusters);
+    int past = is_past(c, c->beside[i], sample, place);
+    for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u] && !past; k++) {
+        const struct cr_img_neighbour *n = &s->adj[k];
+        past = has_lane(n->mine, i) && is_past(&s->clusters[n->cluster], n->theirs, sample, place);
+    }
+    return !past;
+}
+
+uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_lanes3 *place,
+                           uint32_t *nearer, cr_lanes3 *normal) {
     cr_lookup there;
     cr_lanes3 found;
     float share[CR_LANES];
-    const uint32_t leaning = begin_lines(v, c, at, l);
+    const uint32_t leaning = begin_lines(v, c, at);
     uint32_t asked = leaning;
     *nearer = 0u;
     for (int tries = 0; tries <= BETWEEN_MAX && asked != 0u; tries++) {
         uint32_t between = 0u;
         for (uint32_t left = asked; left != 0u;) {
             const int i = take_lane(&left);
-            share[i] = tries == 0 ? 1.0f : find_least(l, i);
+            share[i] = tries == 0 ? 1.0f : find_least(&v->found->lines[i]);
         }
-        look_up_at(v, c, l, asked, share, &found, &there);
+        look_up_at(v, c, asked, share, &found, &there);
         for (uint32_t left = asked; left != 0u;) {
-            const int i = take_lane(&left);
-            const cr_vec3 n = gradient_of(&there, i);
-            const float slope = slope_of(v, c, l, i, n, share[i]);
+            const int i = take_lane(&left), crease = has_lane(c->crease_mask, i);
+            cr_couple_line *l = &v->found->lines[i];
+            const cr_vec3 n = gradient_of(v, &there, i);
+            const float slope = v3_dot(n, along_piece(l, share[i]));
             /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
              * be the end itself, and there it falls no steeper than it bends. */
-            const int counts = tries > 0 || (has_lane(c->crease_mask, i) && -slope < BEND_MAX * v3_norm(way_of(l, i)));
+            const int counts = tries > 0 || (crease && -slope < BEND_MAX * v3_norm(l->way));
             /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
-            const int bent = slope > 0.0f && (slope_of(v, c, l, i, n, 0.0f) > 0.0f || is_flat(v, at, i));
-            put_end(l, i, tries == 0 || slope > 0.0f, share[i], there.phi_m[i], slope, n);
+            const int bent = slope > 0.0f && (v3_dot(n, along_piece(l, 0.0f)) > 0.0f || is_flat(v, at, i));
+            const cr_couple_end end = {share[i], there.phi_m[i], slope, n};
+            *(tries == 0 || slope > 0.0f ? &l->high : &l->low) = end;
             between |= (uint32_t)(tries > 0 || bent) << i;
-            if (counts && there.phi_m[i] < at->phi_m[i]) {
+            if (counts && there.phi_m[i] < at->phi_m[i] &&
+                (crease || is_on_tool(v->field->scene, c, i, on_piece(c, l, i, share[i])))) {
                 take_found(&there, &found, i, at, place);
-                put_place(normal, i, tries == 0 ? n : level_between(v, c, l, i, share[i], n));
+                put_place(normal, i, xform_rotate(&v->pose, tries == 0 ? n : level_between(c, l, i, share[i], n)));
                 *nearer |= 1u << i;
             }
         }
         asked = between;
     }
     return leaning;
-}
-
-/* Whether the surface is where a facet's plane is below a place: the facet may end before. */
-static int is_surface_below(cr_couple_view *v, cr_vec3 place, cr_vec3 normal, float height_m) {
-    const cr_vec3 foot = v3_mad(place, normal, -height_m);
-    cr_lanes3 p = {{0.0f}, {0.0f}, {0.0f}};
-    cr_lookup at;
-    for (int i = 0; i < CR_LANES; i++) {
-        p.x[i] = foot.x;
-        p.y[i] = foot.y;
-        p.z[i] = foot.z;
-    }
-    cr_field_look_up_lanes(v->field, &p, 1u, &at);
-    v->lookups++;
-    return abs_f(at.phi_m[0]) <= FOOT_VOXELS * v->field->scene->meta->voxel_m;
 }
 
 static void add_wall(cr_couple_walls *w, cr_vec3 normal, float gap_m) {
@@ -269,6 +297,17 @@ static void add_wall(cr_couple_walls *w, cr_vec3 normal, float gap_m) {
         w->normal[0] = normal;
         w->gap_m[0] = gap_m;
     }
+}
+
+/* Whether an edge ends a wall before the foot of a place: one that it meets there convexly is higher. */
+static int is_cut(const cr_scene *s, const struct cr_img_kind *kind, const float *height_m, uint32_t k) {
+    const uint32_t own = s->facets[kind->facet[k]].patch;
+    int cut = 0;
+    for (uint32_t g = 0; g < kind->count && !cut; g++) {
+        const uint32_t other = s->facets[kind->facet[g]].patch;
+        cut = height_m[g] > height_m[k] && other != own && cr_pair_label(s, own, other) == (uint32_t)CR_PAIR_CONVEX;
+    }
+    return cut;
 }
 
 /* Whether a facet meets each of those that were taken concavely. */
@@ -287,24 +326,22 @@ void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3
     const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
     const int exact = kind->kind == (uint32_t)CR_KIND_CONCAVE && has_lane(at->from_facet, i);
     uint32_t taken[CR_KIND_FACETS_MAX] = {0u};
+    float height_m[CR_KIND_FACETS_MAX];
     w->count = 0u;
     if (!exact && kind->kind != (uint32_t)CR_KIND_MIXED) {
         return;
     }
     for (uint32_t k = 0; k < kind->count; k++) {
         const struct cr_img_facet *f = &s->facets[kind->facet[k]];
-        const cr_vec3 n = v3_from(f->normal);
-        const float height = v3_dot(n, place) - f->offset_m;
-        if (height >= v->margin_m + v->slack_m) {
-            v->found->free_m = lower_f(v->found->free_m, height - v->slack_m);
-            continue;
+        height_m[k] = v3_dot(v3_from(f->normal), place) - f->offset_m;
+    }
+    for (uint32_t k = 0; k < kind->count; k++) {
+        const struct cr_img_facet *f = &s->facets[kind->facet[k]];
+        if (exact || (!f->curved && height_m[k] >= -BEHIND_VOXELS * s->meta->voxel_m &&
+                      meets_walls(s, taken, w->count, kind->facet[k]) && !is_cut(s, kind, height_m, k))) {
+            taken[w->count] = kind->facet[k];
+            add_wall(w, v3_from(f->normal), height_m[k]);
         }
-        if (!exact && (f->curved || height < -BEHIND_VOXELS * s->meta->voxel_m ||
-                       !meets_walls(s, taken, w->count, kind->facet[k]) || !is_surface_below(v, place, n, height))) {
-            continue;
-        }
-        taken[w->count] = kind->facet[k];
-        add_wall(w, n, height);
     }
     if (!exact && (w->count < 2u || abs_f(w->gap_m[0] - at->phi_m[i]) > SAME_VOXELS * s->meta->voxel_m)) {
         w->count = 0u;

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import six_compare
 import six_judge
+import six_least
 import six_report
 import six_run
 from crease.base.scene import Scene
@@ -32,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA, IMAGES = ROOT / "build" / "meshes" / "six", ROOT / "build" / "six" / "images"
 QUICK = ("cube_plane", "book_tip", "corner", "plate_1")
 PEGS = ("peg_04", "peg_01", "peg_002")
-ENERGY = ("corner", "book_tip", "plate_1", "key", "peg_04", "cylinder_edges", "ladder", "jaw")
+ENERGY = ("corner", "book_tip", "plate_1", "key", "peg_04", "cylinder_edges", "ladder", "jaw", "gears", "ball_joint")
 LOOPS = (("plate_needle", 1, 0.0), ("cube_plane", 4, 0.010), ("ladder", 24, 0.004))
 """Scene, contacts, height of the tool's origin where it touches, m."""
 
@@ -80,6 +81,8 @@ def judge_scene(case: Case, scene: Scene, extent: Extent) -> list[Row]:
         ),
         Row.most(case.name, "ticks with a fault, or left behind in the end", 0.0, _trouble(rows)),
     ]
+    if not found[2].kept and friction <= 0.0:
+        found += _beside_least(case, felt)
     if len(case.exact[0]):
         off = six_judge.wrench_rms_mm(case, felt.wrench)
         for name, value in zip(("force off", "torque off"), off, strict=True):
@@ -101,6 +104,21 @@ def judge_scene(case: Case, scene: Scene, extent: Extent) -> list[Row]:
                 )
             )
     return found
+
+
+def _beside_least(case: Case, felt: Felt) -> list[Row]:
+    """What the scene itself does: the held tool by least motion over the meshes. No goals."""
+    right, half = (six_least.follow(case, p)[0] for p in (case.path, six_judge.halved(case.path)))
+    whole, halves = (six_judge.largest_change_N(case, f.wrench) for f in (right, half))
+    force, torque = six_judge.off_rms_mm(case, felt.wrench, right.wrench)
+    return [
+        Row.most(case.name, what, 0.0, value, False)
+        for what, value in (
+            ("change at half the step, least motion over the meshes", halves / whole),
+            ("force off least motion, mm RMS", force),
+            ("torque off least motion, mm RMS", torque),
+        )
+    ]
 
 
 def _trouble(rows: npt.NDArray[np.void]) -> float:

@@ -194,7 +194,12 @@ def felt_early_N(solids: Solids, path: Trajectory, wrench: F64) -> float:
 def wrench_rms_mm(case: Case, wrench: F64) -> tuple[float, float]:
     """Off the exact rows: force over k_t, torque over k_t and the tool's radius."""
     ticks, right = case.exact
-    off = wrench[ticks] - right
+    return off_rms_mm(case, wrench[ticks], right)
+
+
+def off_rms_mm(case: Case, wrench: F64, right: F64) -> tuple[float, float]:
+    """The same of other rows, (n, 6)."""
+    off = wrench - right
     rms = np.sqrt(np.mean(np.sum(off.reshape(-1, 2, 3) ** 2, axis=2), axis=0))
     k_t, radius_m = case.springs[0], MM * case.spec["tool_radius_mm"]
     return float(rms[0] / k_t / MM), float(rms[1] / k_t / radius_m / MM)

@@ -19,7 +19,7 @@ CORTEX_INCLUDES := -Ifirmware -I$(CORTEX) -Itests/check
 CORTEX_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -L$(CORTEX)
 CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.c)
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
-SMALL_C := $(addprefix firmware/,$(addprefix contact/,scene.c settings.c world.c answer.c relate.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c record.c control.c velocity.c pose.c) $(addprefix couple/,couple.c passivity.c))
+SMALL_C := $(addprefix firmware/,$(addprefix contact/,scene.c settings.c world.c answer.c relate.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c record.c control.c velocity.c pose.c) $(addprefix couple/,couple.c passivity.c points.c nearest.c))
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
@@ -30,7 +30,7 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 	@echo "$(1): $$<"
 	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
-# Set-up, frames and what is done once a period or an answer: small, not fast.
+# Set-up, frames and what is done once a period or an answer, which no search waits for, and what stands between lookups of the coupling: small, not fast.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
