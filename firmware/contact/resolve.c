@@ -33,37 +33,37 @@ void cr_way_resolve_begin(const cr_vec3 *normal, const float *depth_m, uint32_t 
             along->part[j][i] = part;
             row += part;
         }
-        along->push_m[j] = depth_m[along->felt[j]] / row;
+        along->push_m[0][j] = depth_m[along->felt[j]] / row;
     }
 }
 
 /* What each pushes in the end. */
-static void tell_pushes(const cr_way_along *along, float *lambda_m) {
+static void tell_pushes(const cr_way_along *along, const float *found_m, float *lambda_m) {
     const float hardly_m = HARDLY * along->deepest_m;
     for (uint32_t j = 0; j < along->count; j++) {
-        const float push_m = along->push_m[j];
+        const float push_m = found_m[j];
         lambda_m[along->felt[j]] = push_m < 2.0f * hardly_m ? max_f(0.0f, 2.0f * (push_m - hardly_m)) : push_m;
     }
 }
 
 int cr_way_resolve_sweep(const float *depth_m, cr_way_along *along, float *lambda_m) {
-    float moved = 0.0f, next_m[CR_WAY_ZONES_MAX];
+    float moved = 0.0f;
+    const float *from_m = along->push_m[along->sweeps & 1u];
+    float *to_m = along->push_m[~along->sweeps & 1u];
     along->sweeps++;
     for (uint32_t j = 0; j < along->count; j++) {
         float led = 0.0f;
         for (uint32_t i = 0; i < along->count; i++) {
-            led += along->push_m[i] * along->part[j][i];
+            led += from_m[i] * along->part[j][i];
         }
         const float depth = depth_m[along->felt[j]], ratio = depth / max_f(led, 1e-30f);
-        next_m[j] = min_f(depth, along->push_m[j] * ratio * sqrtf(ratio));
-        moved = max_f(moved, abs_f(next_m[j] - along->push_m[j]));
-    }
-    for (uint32_t j = 0; j < along->count; j++) {
-        along->push_m[j] = next_m[j];
+        to_m[j] = min_f(depth, from_m[j] * ratio * sqrtf(ratio));
+        CR_ASSERT(!(to_m[j] > depth)); /* no more than its own depth */
+        moved = max_f(moved, abs_f(to_m[j] - from_m[j]));
     }
     if (moved > 1e-6f * along->deepest_m && along->sweeps < SWEEPS) {
         return 0;
     }
-    tell_pushes(along, lambda_m);
+    tell_pushes(along, to_m, lambda_m);
     return 1;
 }

@@ -156,7 +156,7 @@ typedef struct {
     uint32_t count, felt[CR_WAY_ZONES_MAX];
     uint32_t sweeps; /* made */
     float deepest_m;
-    float push_m[CR_WAY_ZONES_MAX]; /* so far */
+    float push_m[2][CR_WAY_ZONES_MAX]; /* before a sweep and after it, by turns */
     float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];
 } cr_way_along;
 
