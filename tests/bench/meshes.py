@@ -1,12 +1,15 @@
 """What `crease bake` makes of machine parts, clean and spoiled: `make bench-meshes`.
 
     PYTHONPATH=meshes python tests/bench/meshes.py [--parts NAME...] [--damages NAME...] [--accept-only]
-        [--judge MODULE:NAME] [-o DIR]
+        [--judge MODULE:NAME] [-o DIR] [--write]
 
 For each part of meshes/parts.py and of build/meshes, as it is and with each damage: whether it is accepted, share of
 points on the wrong side, processor and wall time, peak memory, size of the image, largest distance error, samples. The
 judge of the side is libigl's winding number of the clean part: points nearer to its surface than the damage moved it do
-not count.
+not count. A ball is drawn over every ridge and pocket of the clean part, and along the same paths in each spoiled one:
+how far the force over the stiffness is off, beside how far the damage moved the surface (libigl, both ways).
+
+--write makes the page MESHES.md of the table.
 
 --judge names a function (scene image, folder) -> dict[str, str] whose columns follow: mesh_judge:judge has clearing and
 amplification along a path (`make bench-meshes-force`).
@@ -29,17 +32,44 @@ import numpy as np
 import parts
 import trimesh
 from bake_run import BakeRun, run_bake
+from crease.bake.bodies import read_bodies
+from crease.bake.surface import make_surface
 from crease.base.errors import CreaseError
-from crease.mesh.mesh import load_mesh
+from crease.base.scene import open_scene
+from crease.mesh.mesh import load_mesh, make_mesh
+from crease.replay.replay import ReplayOptions
+from mesh_paths import strokes
 from numpy.typing import NDArray
+from study.properties.answers import asker
 
 ROOT = Path(__file__).resolve().parents[2]
 MESHES = ROOT / "build" / "meshes"
+PAGE = Path(__file__).with_name("MESHES.md")
 POINTS = 20_000
 WITHIN = {"noise": 1e-3, "decimated": 6e-2, "holes": 2e-2}
 """Share of the diagonal that a damage moves the surface by, at most; 1e-5 for the others."""
 ADDED = {"pushed"}
 """Damages that add material: points inside the clean part still have to be inside."""
+COSTS = ("triangles", "cpu_s", "memory_MiB", "image_MiB", "error_um", "samples")
+OFF = ("moved_p99_mm", "force_off_rms_mm", "force_off_p99_mm")
+HEAD = """# Meshes of machine parts, clean and spoiled
+
+    make bench-meshes                   # 15 minutes; writes this page and build/bench/meshes.csv
+
+Twelve parts as they are and spoiled in nine ways (`meshes/parts.py`), baked at default settings with a ball of 30 mm.
+Of {count} meshes {accepted} are accepted, {wrong} have a point on the wrong side of the surface, of 20,000 each (judge:
+libigl's winding number of the clean part). Seconds are of the processor, reading and checking included.
+
+| part | triangles | s | memory, MiB | image, MiB | distance error, um | samples |
+|---|---|---|---|---|---|---|
+"""
+DAMAGED = """
+A ball is drawn over every ridge and pocket of the clean part, 0.6 mm deep, and along the same paths in the spoiled one: force
+over stiffness, mm, off by, and how far the damage moved the surface (points spread over either, to the other; libigl).
+
+| damage | median over parts: moved, p99 | force off, RMS | p99 | largest: moved | force off, p99 |
+|---|---|---|---|---|---|
+"""
 Floats = NDArray[np.float64]
 Judge = Callable[[Path, Path], dict[str, str]]
 
@@ -53,19 +83,17 @@ def all_parts() -> dict[str, Callable[[], trimesh.Trimesh]]:
     }
 
 
-def wrong_share(clean: trimesh.Trimesh, path: Path, unit_mm: float, damage: str) -> float:
-    """Share of random points on the wrong side of the mended mesh.   Errors: CreaseError when it is refused."""
+def wrong_share(
+    clean: trimesh.Trimesh, path: Path, unit_mm: float, damage: str
+) -> float:
+    """Share of random points that the bake takes for the wrong side.   Errors: CreaseError when the mesh is refused."""
     mesh = load_mesh(path, unit_mm * 1e-3)
     low, high = clean.bounds
     points = low + (high - low) * np.random.default_rng(9).random((POINTS, 3))
     vertices = np.ascontiguousarray(clean.vertices)
     faces = np.ascontiguousarray(clean.faces, np.int64)
     inside = igl.fast_winding_number(vertices, faces, points) > 0.5
-    mended = np.ascontiguousarray(mesh.vertices_m * 1e3)
-    now = (
-        igl.fast_winding_number(mended, np.ascontiguousarray(mesh.triangles, np.int64), points)
-        > 0.5
-    )
+    now = make_surface(mesh, 30.0).signed_distance(1e-3 * points)[0] < 0.0
     wrong = inside & ~now if damage in ADDED else inside != now
     diagonal = float(np.linalg.norm(high - low))
     if wrong.any():
@@ -78,12 +106,87 @@ def bake(path: Path, unit: str, scene: Path) -> BakeRun:
     """One bake at defaults with a ball of 20 mm.   Errors: CreaseError."""
     ball = MESHES / "ball15.stl"
     return run_bake(
-        path, ball, "-o", scene, "--unit", unit, "--tool-unit", "mm", "--force", "--json"
+        path,
+        ball,
+        "-o",
+        scene,
+        "--unit",
+        unit,
+        "--tool-unit",
+        "mm",
+        "--force",
+        "--json",
     )
 
 
+class Compared:
+    """The force of a ball along paths over a clean part, and how far it is off in spoiled ones."""
+
+    def __init__(self) -> None:
+        self.paths: list[Floats] = []
+        self.way_mm = np.zeros((0, 3))
+
+    def columns(
+        self, damage: str, scene: Path, clean: trimesh.Trimesh
+    ) -> dict[str, str]:
+        """Of the clean part first: it says the paths."""
+        opened = open_scene(scene)
+        body, ball = read_bodies(opened)
+        if damage == "clean":
+            static = make_mesh(body.vertices_m, body.triangles, 1.0, source=scene.stem)
+            surface = make_surface(
+                static, float(np.degrees(opened.meta.crease_angle_rad))
+            )
+            self.paths = strokes(
+                surface, 1e3 * ball.vertices_m, ball.triangles.astype(np.int32)
+            )
+        ask = asker(opened, ReplayOptions())
+        answers = [ask(poses) for poses in self.paths]
+        way_mm = np.concatenate(
+            [np.zeros((0, 3)), *(answer.way_mm for answer in answers)]
+        )
+        if damage == "clean":
+            self.way_mm = way_mm
+            return {"paths": str(len(self.paths))}
+        touching = (
+            np.linalg.norm(np.stack([way_mm, self.way_mm]), axis=2).max(axis=0) > 0.0
+        )
+        off = np.linalg.norm(way_mm - self.way_mm, axis=1)[touching]
+        moved = moved_mm(clean, 1e3 * body.vertices_m, body.triangles.astype(np.int64))
+        return {
+            "paths": str(len(self.paths)),
+            "moved_p99_mm": f"{np.percentile(moved, 99):.3f}",
+            "moved_max_mm": f"{moved.max():.3f}",
+            "force_off_rms_mm": f"{np.sqrt((off**2).mean()):.3f}",
+            "force_off_p99_mm": f"{np.percentile(off, 99):.3f}",
+            "force_off_max_mm": f"{off.max():.3f}",
+        }
+
+
+def moved_mm(
+    clean: trimesh.Trimesh, vertices: Floats, faces: NDArray[np.int32]
+) -> Floats:
+    """Distances from points spread over either surface to the other, mm, (n,)."""
+    mended = trimesh.Trimesh(vertices, faces, process=False)
+    away = []
+    for one, other in ((clean, mended), (mended, clean)):
+        points = trimesh.sample.sample_surface(one, POINTS, seed=9)[0]
+        square, _, _ = igl.point_mesh_squared_distance(
+            points,
+            np.ascontiguousarray(other.vertices),
+            np.ascontiguousarray(other.faces, np.int64),
+        )
+        away.append(np.sqrt(square))
+    return np.concatenate(away)
+
+
 def row(
-    name: str, damage: str, clean: trimesh.Trimesh, folder: Path, args: argparse.Namespace
+    name: str,
+    damage: str,
+    clean: trimesh.Trimesh,
+    folder: Path,
+    args: argparse.Namespace,
+    compared: Compared,
 ) -> dict[str, str]:
     """One line of the table."""
     mesh = parts.SPOILERS[damage](clean)
@@ -97,6 +200,8 @@ def row(
         if not args.accept_only:
             scene = folder / f"{name}-{damage}.crs"
             line |= baked(bake(path, unit, scene))
+            if compared.paths or damage == "clean":
+                line |= compared.columns(damage, scene, clean)
             if args.judge is not None:
                 line |= args.judge(scene, folder)
     except CreaseError as error:
@@ -117,6 +222,46 @@ def baked(made: BakeRun) -> dict[str, str]:
     }
 
 
+def most(lines: list[dict[str, str]], key: str) -> dict[str, str] | None:
+    """The line with the largest value of a column."""
+    return max(
+        (line for line in lines if key in line),
+        key=lambda line: float(line[key]),
+        default=None,
+    )
+
+
+def page(lines: list[dict[str, str]]) -> str:
+    """MESHES.md: a row for each part as it is, one for the worst of its spoiled versions, and one for each damage."""
+    text = HEAD.format(
+        count=len(lines),
+        accepted=sum(line["accepted"] == "yes" for line in lines),
+        wrong=sum(float(line.get("wrong_ppm", 0)) > 0 for line in lines),
+    )
+    for name in dict.fromkeys(line["part"] for line in lines):
+        mine = [line for line in lines if line["part"] == name]
+        for label, these in (("", mine[:1]), (", worst of spoiled", mine[1:])):
+            worst = {key: most(these, key) for key in COSTS}
+            cells = [
+                ""
+                if found is None
+                else found[key] + ("" if not label else f" ({found['damage']})")
+                for key, found in worst.items()
+            ]
+            text += f"| {name}{label} | {' | '.join(cells)} |\n"
+    text += DAMAGED
+    for damage in dict.fromkeys(
+        line["damage"] for line in lines if line["damage"] != "clean"
+    ):
+        mine = [line for line in lines if line["damage"] == damage and OFF[0] in line]
+        cells = [f"{np.median([float(line[key]) for line in mine]):.3f}" for key in OFF]
+        for key in ("moved_max_mm", "force_off_p99_mm"):
+            found = most(mine, key)
+            cells.append("" if found is None else f"{found[key]} ({found['part']})")
+        text += f"| {damage} | {' | '.join(cells)} |\n"
+    return text
+
+
 def judge(text: str) -> Judge:
     """The function that --judge names."""
     module, _, name = text.partition(":")
@@ -129,31 +274,48 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--parts", nargs="+", choices=list(all_parts()), default=list(all_parts()))
     parser.add_argument(
-        "--damages", nargs="+", choices=list(parts.SPOILERS), default=list(parts.SPOILERS)
+        "--parts", nargs="+", choices=list(all_parts()), default=list(all_parts())
     )
     parser.add_argument(
-        "--accept-only", action="store_true", help="no bakes: acceptance and inside only"
+        "--damages",
+        nargs="+",
+        choices=list(parts.SPOILERS),
+        default=list(parts.SPOILERS),
+    )
+    parser.add_argument(
+        "--accept-only",
+        action="store_true",
+        help="no bakes: acceptance and inside only",
     )
     parser.add_argument("--judge", type=judge)
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "bench")
+    parser.add_argument("--write", action="store_true", help="write MESHES.md")
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     lines = []
     with tempfile.TemporaryDirectory() as temporary:
         for name in args.parts:
-            clean = all_parts()[name]()
+            clean, compared = all_parts()[name](), Compared()
             for damage in args.damages:
-                lines.append(row(name, damage, clean, Path(temporary), args))
-                print("  ".join(f"{key} {value}" for key, value in lines[-1].items()), flush=True)
+                lines.append(row(name, damage, clean, Path(temporary), args, compared))
+                print(
+                    "  ".join(f"{key} {value}" for key, value in lines[-1].items()),
+                    flush=True,
+                )
     with (args.output / "meshes.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(dict.fromkeys(key for line in lines for key in line)))
+        writer = csv.DictWriter(
+            file, list(dict.fromkeys(key for line in lines for key in line))
+        )
         writer.writeheader()
         writer.writerows(lines)
+    if args.write:
+        PAGE.write_text(page(lines), encoding="utf-8")
     refused = sum(line.get("accepted") != "yes" for line in lines)
     wrong = sum(float(line.get("wrong_ppm", 0)) > 100 for line in lines)
-    print(f"{len(lines)} meshes: {refused} refused, {wrong} with points on the wrong side")
+    print(
+        f"{len(lines)} meshes: {refused} refused, {wrong} with points on the wrong side"
+    )
     return int(refused > 0 or wrong > 0)
 
 

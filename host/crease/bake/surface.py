@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 from crease.base.errors import MeshError
 from crease.base.native import ffi, lib
+from crease.mesh import topology
+from crease.mesh.arrange import Winding
 from crease.mesh.mesh import Mesh
 
 F64 = npt.NDArray[np.float64]
@@ -53,11 +55,18 @@ class Surface:
     facet_patch: I32
     facet_area_m2: F64
     creases: Creases
+    doubtful: npt.NDArray[np.bool_] = field(repr=False)
+    """Triangles (n,) with a corner where the surface touches itself: there its normals may not tell what is inside."""
+    winding: Winding | None = field(repr=False)
+    """Tells inside from outside next to doubtful triangles; None where there are none."""
 
     def signed_distance(
         self, points_m: F64, tick: Callable[[float], None] | None = None
     ) -> tuple[F64, I32]:
         """Exact signed distance, negative inside, and nearest triangle of each point.
+
+        The sign is that of the nearest triangle, edge or corner, by angle-weighted normals; where the surface touches
+        itself, by the winding number.
 
         Shapes: points_m (n, 3), neighbouring points close together for speed.
         """
@@ -78,12 +87,20 @@ class Surface:
         starts = range(0, len(points), _CHUNK)
         if len(starts) == 1:
             work(0)
-            return phi, triangle
+            return self._settled(points, phi, triangle), triangle
         with ThreadPoolExecutor(THREADS) as pool:
             for done, _ in enumerate(pool.map(work, starts)):
                 if tick is not None:
                     tick((done + 1) / len(starts))
-        return phi, triangle
+        return self._settled(points, phi, triangle), triangle
+
+    def _settled(self, points: F64, phi: F64, triangle: I32) -> F64:
+        """The distances, with the sign of doubtful ones by the winding number."""
+        if self.winding is not None:
+            asked = np.flatnonzero(self.doubtful[triangle])
+            inside = self.winding.at(points[asked]) > 0.5
+            phi[asked] = np.where(inside, -1.0, 1.0) * np.abs(phi[asked])
+        return phi
 
     def mark_bricks(
         self, origin_m: F64, brick_m: float, dims: tuple[int, int, int], reach_m: float
@@ -147,6 +164,7 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
         _ptr("double[]", angle),
     )
     names = "triangles vertices facets patches smooth_edges convex_edges concave_edges open_edges"
+    doubtful = topology.touching(triangles, len(vertices))
     return Surface(
         handle,
         mesh,
@@ -157,4 +175,6 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
         patch,
         area,
         Creases(ends, sides, convex.astype(bool), angle),
+        doubtful,
+        Winding(vertices, triangles) if doubtful.any() else None,
     )

@@ -330,12 +330,14 @@ def _change(before: float, after: float) -> str:
 
 
 def _close_cracks(draft: Draft) -> None:
-    """Cracks that rounding left between pieces: caps without thickness."""
+    """Cracks that rounding left between pieces: caps without thickness, which take leaves off that they lie on."""
     loops = closing.rims(draft.triangles, draft.vertex_count)
     for loop in loops:
         cap = closing.cap(draft.vertices, loop)
         draft.vertices = np.concatenate([draft.vertices, cap.points_m])
         draft.triangles = np.concatenate([draft.triangles, cap.triangles])
+    draft.triangles = topology.without_leaves(draft.triangles)
+    draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
 
 
 def _check_solid(draft: Draft) -> None:

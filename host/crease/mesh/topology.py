@@ -74,6 +74,51 @@ def unbalanced_edges(triangles: Triangles, vertex_count: int) -> Indices:
     return np.flatnonzero(balance[inverse] > 0)
 
 
+def without_leaves(triangles: Triangles) -> Triangles:
+    """The triangles, less those that lie on the back of another, and these."""
+    low = np.argsort(triangles, axis=1)
+    corners = np.take_along_axis(triangles, low, axis=1)
+    # The order of the corners is a rotation of the sorted one, or it is turned.
+    turned = np.where(((low[:, 1] - low[:, 0]) % 3) == 1, 1, -1)
+    _, group = np.unique(corners, axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    if len(group) == 0 or np.bincount(group).max() == 1:
+        return triangles
+    kept = np.ones(len(triangles), bool)
+    for sign in (1, -1):
+        mine = np.flatnonzero(turned == sign)
+        order = mine[np.argsort(group[mine], kind="stable")]
+        start = np.searchsorted(group[order], group[order], side="left")
+        others = np.bincount(group[turned == -sign], minlength=int(group.max()) + 1)
+        kept[order] = np.arange(len(order)) - start >= others[group[order]]
+    return triangles[kept]
+
+
+def touching(triangles: Triangles, vertex_count: int) -> npt.NDArray[np.bool_]:
+    """Triangles (m,) with a corner where a closed surface touches itself: in an edge of more than two, or a vertex."""
+    codes = undirected_codes(triangles, vertex_count)
+    order = np.argsort(codes, kind="stable")
+    ranked = codes[order]
+    start = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
+    uses = np.diff(np.r_[start, len(ranked)])
+    shared = np.zeros(vertex_count, bool)
+    many = ranked[start[uses != 2]]
+    shared[many // vertex_count] = shared[many % vertex_count] = True
+    # Corners at a vertex hang together over its edges; where they do so in several parts, the surface touches there.
+    one, two = order[start[uses == 2]], order[start[uses == 2] + 1]
+    after = (one // 3) * 3 + (one + 1) % 3, (two // 3) * 3 + (two + 1) % 3
+    # Two triangles pass an edge in opposite directions: the start of the one is the end of the other.
+    rows, columns = np.r_[one, after[0]], np.r_[after[1], two]
+    links = sparse.coo_matrix(
+        (np.ones(len(rows), np.int8), (rows, columns)), shape=(codes.size,) * 2
+    )
+    count, part = csgraph.connected_components(links, directed=False)
+    vertex_of = np.zeros(count, np.int64)
+    vertex_of[part] = triangles.reshape(-1)
+    shared |= np.bincount(vertex_of, minlength=vertex_count) > 1
+    return np.asarray(shared[triangles].any(axis=1))
+
+
 def edge_use(triangles: Triangles, vertex_count: int) -> tuple[int, int]:
     """How many undirected edges have one triangle (boundary), and how many an odd number over two."""
     counts = np.unique(undirected_codes(triangles, vertex_count), return_counts=True)[1]
