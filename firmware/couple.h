@@ -4,7 +4,7 @@
  *          another origin, cr_couple_init; then each period cr_couple_step with the hand's pose and the contacts of that moment.
  *          The held tool takes the pose that is nearest to the hand's, in the energy of the coupling, of those that keep every point of every
  *          contact on its side; what the spring between the two then pulls with is the wrench (couple/DESIGN.md).
- * Memory   the caller's: one cr_couple, 8 KB, for steps; one cr_coupled, 79 KB, for ticks. No heap.
+ * Memory   the caller's: one cr_couple, 8 KB, for steps; one cr_coupled, 80 KB, for ticks. No heap.
  * Threads  none inside: a coupling belongs to one thread at a time.
  * Time     an argument. No clock, no I/O, no globals: a step is a pure function of (coupling, pose, period, contacts), a tick of (coupling, scene,
  *          pose, period).

@@ -10,7 +10,7 @@
 #include "contact/math3.h"
 #include "couple.h"
 
-/* A point behind its plane is pushed by so much of the coupling's stiffness: soft enough for float32, and so hard that a pull of 10 mm leaves it 2.4 um
+/* A point behind its plane is pushed by so much of the coupling's stiffness: soft enough for float32, and so hard that a pull of 10 mm leaves it 0.6 um
  * inside. Contacts that contradict each other share what is left by it. */
 #define CR_COUPLE_HARD 16384.0f
 

@@ -27,7 +27,7 @@
 /* A contact is kept to the next step while it is nearer, m. */
 #define KEEP_M 5e-5f
 /* A sample has passed its plane where it is deeper than this, and than what presses by half, m. */
-#define PASSED_M 5e-7f
+#define PASSED_M 2e-7f
 #define PASSED_SHARE 1.5f
 /* Halvings of a step that is cut short. */
 #define SHARES_MAX 6u

@@ -184,8 +184,7 @@ static void share_between(const cr_vec3 *n, cr_vec3 to, float *share) {
 
 /* The normal at a least between two ends. A crease has one way to lie: of all directions between their gradients the one that does not lean along it; where two
  * edges cross it is at right angles to both. A face has two: it is the one that faces its surface there most. Either gradient alone leans. Tool frame. */
-static cr_vec3 level_between(const struct cr_img_cluster *c, const cr_couple_line *l, int i, float at,
-                             cr_vec3 there) {
+static cr_vec3 level_between(const struct cr_img_cluster *c, const cr_couple_line *l, int i, float at, cr_vec3 there) {
     const cr_vec3 n[2] = {l->low.gradient, l->high.gradient};
     float share[2];
     if (has_lane(c->crease_mask, i)) {

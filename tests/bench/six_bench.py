@@ -33,7 +33,18 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA, IMAGES = ROOT / "build" / "meshes" / "six", ROOT / "build" / "six" / "images"
 QUICK = ("cube_plane", "book_tip", "corner", "plate_1")
 PEGS = ("peg_04", "peg_01", "peg_002")
-ENERGY = ("corner", "book_tip", "plate_1", "key", "peg_04", "cylinder_edges", "ladder", "jaw", "gears", "ball_joint")
+ENERGY = (
+    "corner",
+    "book_tip",
+    "plate_1",
+    "key",
+    "peg_04",
+    "cylinder_edges",
+    "ladder",
+    "jaw",
+    "gears",
+    "ball_joint",
+)
 LOOPS = (("plate_needle", 1, 0.0), ("cube_plane", 4, 0.010), ("ladder", 24, 0.004))
 """Scene, contacts, height of the tool's origin where it touches, m."""
 

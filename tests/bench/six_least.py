@@ -148,7 +148,9 @@ class Least:
     def _look(self, pose: tuple[F64, Rotation]) -> tuple[F64, F64]:
         """Distances (n,) of what is near, and how they grow with a motion, turns as lengths (n, 6)."""
         tool, static = self._tool, self._static
-        corners, edges, faces = (self._placed(p, pose) for p in (tool.vertices, tool.edges, tool.triangles))
+        corners, edges, faces = (
+            self._placed(p, pose) for p in (tool.vertices, tool.edges, tool.triangles)
+        )
         if self._seen is None or self._moved(pose, self._seen) > 0.5 * (REACH_MM - NEAR_MM):
             self._seen = pose
             self._pairs = [
@@ -177,7 +179,9 @@ class Least:
             apart = np.concatenate([pose[0] - at, self._reach * (pose[1] * turn.inv()).as_rotvec()])
             gaps, rows = self._look(pose)
             step = _least(rows, rows @ apart + ROUND_MM - gaps) - apart
-            size = float(np.linalg.norm(step[:3]) + self._radius * np.linalg.norm(step[3:]) / self._reach)
+            size = float(
+                np.linalg.norm(step[:3]) + self._radius * np.linalg.norm(step[3:]) / self._reach
+            )
             if size < ENOUGH_MM:
                 break
             step *= min(1.0, STEP_MM / size)
@@ -208,7 +212,9 @@ def follow(case: Case, path: Trajectory) -> tuple[Felt, int]:
     least = Least(case)
     found = [least.tick(pose) for pose in path.rows[:, 1:]]
     none = np.zeros(len(found), np.int64)
-    return Felt(np.array([w for w, _ in found]), np.array([h for _, h in found]), none), least.unsettled
+    return Felt(
+        np.array([w for w, _ in found]), np.array([h for _, h in found]), none
+    ), least.unsettled
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -219,7 +225,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         case = Case.load(ROOT / "build" / "meshes" / "six", name)
         whole, half = (follow(case, p) for p in (case.path, halved(case.path)))
         a, b = (largest_change_N(case, f.wrench) for f, _ in (whole, half))
-        print(f"{name}: {a:.4f} N, at half the step {b:.4f} N, {b / a:.3f}; unsettled {whole[1]}, {half[1]}")
+        print(
+            f"{name}: {a:.4f} N, at half the step {b:.4f} N, {b / a:.3f}; unsettled {whole[1]}, {half[1]}"
+        )
 
 
 if __name__ == "__main__":

@@ -43,8 +43,9 @@ HEAD = """# Six degrees of freedom, measured
 Scenes, paths and exact wrenches: [meshes/six](../../meshes/six/README.md); what is judged and how is said there.
 Where goals are missed, and why where that is known: [DESIGN.md](../../firmware/couple/DESIGN.md#not-there-yet).
 Inside is judged at every 4th tick, by hand at every 32nd. Energy below 0 is lost, not given: the goal says nothing of
-it. "Least motion" is the held tool followed over the meshes themselves, in double (`six_least.py`), where the change
-at half the step is missed: where that jumps too, the scene does, as a tool held outside may come free at once. Ticks are the least of three runs; goals of their time are those of the peg and the cylinder. Not measured here: the
+it. "Least motion" is the held tool followed over the meshes themselves, in double (`six_least.py`), where the change at
+half the step is missed: where that jumps as well, the scene does, as what is held outside may come free at once. Ticks
+are the least of three runs; goals of their time are those of the peg and the cylinder. Not measured here: the
 Cortex-M7, ten minutes at rest (here 1 s), strokes and hands with friction.
 """
 

@@ -76,7 +76,9 @@ def test_tool_that_pegs_hold_at_their_rims_goes_in(data: Path, tmp_path: Path) -
 def test_round_edge_is_outside_between_its_samples() -> None:
     """The edge of a peg's tip, whose samples lie on chords of 11 degrees, 0.046 mm inside of it, on a table."""
     table, peg = six_shapes.table(), six_shapes.peg()
-    meshes = [make_mesh(s.to_mesh().vert_properties, s.to_mesh().tri_verts, 1e-3) for s in (table, peg)]
+    meshes = [
+        make_mesh(s.to_mesh().vert_properties, s.to_mesh().tri_verts, 1e-3) for s in (table, peg)
+    ]
     scene, solids = bake(*meshes, voxel_m=1e-3, spacing_m=2e-3), Solids(*meshes)
     z = np.concatenate([np.linspace(34.0, 29.5, 120), np.full(20, 29.5)])
     at_m = 1e-3 * np.column_stack([np.zeros((len(z), 2)), z])

@@ -40,8 +40,6 @@ from six_scenes import HAND, SCENES, SPRINGS, exact, over_edge
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = ROOT / "meshes" / "six"
-MISSED = {("corner", "change at half the step"): 0.75}
-"""Goals of the quick scenes that are not kept, and what they are held to: tests/bench/SIX.md says so."""
 
 
 @pytest.fixture(scope="module")
@@ -356,14 +354,12 @@ def test_coarser_shells_part_the_samples_and_tell_how_far_they_are_off() -> None
 def test_quick_run_keeps_its_goals(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for the one that is known to be missed, and the time of the tick, which is a quiet machine's to say."""
+    """All, but the time of the tick, which is a quiet machine's to say."""
     monkeypatch.setattr(six_bench, "DATA", data)
     monkeypatch.setattr(six_bench, "IMAGES", tmp_path / "images")
     rows = six_bench.bench(six_bench.Extent(six_bench.QUICK, 20, 0, 30, 1, False), say=False)
     assert {r.scene for r in rows} == set(six_bench.QUICK)
-    missed = {(r.scene, r.what): r.measured for r in rows if r.kept is False}
-    assert set(missed) <= set(MISSED)
-    assert all(measured < MISSED[which] for which, measured in missed.items())
+    assert [(r.scene, r.what, r.measured) for r in rows if r.kept is False] == []
     six_report.write(tmp_path / "report", rows)
     text = (tmp_path / "report" / "SIX.md").read_text(encoding="utf-8")
     assert all(r.what in text for r in rows)
