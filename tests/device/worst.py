@@ -179,7 +179,10 @@ def climb(
 
 
 def search(name: str, lookups: int, seconds: float, kept: Sequence[F64] = ()) -> Found:
-    """The dearest pose that is found in this time, also from those that were kept; at least one round on the emulator."""
+    """The dearest pose that is found in this time, also from those that were kept; at least one round on the emulator.
+
+    name: of the scene; lookups: work of a tick.
+    """
     end_s = time.monotonic() + seconds
     rng = np.random.default_rng([crc32(name.encode()), lookups])
     scene = open_scene(ROOT / "build" / "scenes" / f"{name}.crs")
