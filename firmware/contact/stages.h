@@ -323,8 +323,8 @@ typedef struct {
 typedef struct {
     uint32_t slot; /* its sphere, as in cr_motion, */
     int lane;      /* and in the batch */
+    cr_looked looked;
     float coverage[CR_LANES];
-    const cr_planes *planes; /* null: it was looked up */
     union {
         struct {
             cr_planes alone;
