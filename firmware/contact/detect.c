@@ -33,7 +33,7 @@ static void forget(cr_motion *m) {
     m->stale = 1u;
 }
 
-static void wake_all(cr_motion *m) {
+void cr_motion_wake(cr_motion *m) {
     for (uint32_t i = 0; i < m->wake_count; i++) {
         m->wake_m[i] = WAKE_NOW;
     }
@@ -478,7 +478,7 @@ static void descend(walk *w) {
 static void begin_next(walk *w) {
     cr_descent *s = w->search;
     if (w->motion->stale != 0u) {
-        wake_all(w->motion);
+        cr_motion_wake(w->motion);
         s->spent += PARTS_OF_WAKE * w->scene->group_count;
     } else {
         s->hand = CR_HAND_EMPTY;

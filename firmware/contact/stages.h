@@ -361,6 +361,9 @@ typedef struct {
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
 void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
 
+/* Purpose  wake all spheres, where motion->stale says that they have to be.   Output  motion->stale: 0. */
+void cr_motion_wake(cr_motion *motion);
+
 /* Purpose  the clusters of the shell that reach into the static object, in ascending order, and the zones they are inside of.
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call
  *          again with the same pose and the same motion until it is 1, at most options->slices_max times, and until the last hit is in zones.
