@@ -33,7 +33,7 @@ static void forget(cr_motion *m) {
     m->stale = 1u;
 }
 
-static void wake_all(cr_motion *m) {
+void cr_motion_wake(cr_motion *m) {
     for (uint32_t i = 0; i < m->wake_count; i++) {
         m->wake_m[i] = WAKE_NOW;
     }
@@ -135,17 +135,18 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
     return least;
 }
 
-/* The cluster in hand. */
-static cr_looked looked_at(const walk *w, uint32_t cluster) {
-    const cr_in_hand *in = &w->search->in_hand;
-    const int known = in->planes != NULL;
-    return (cr_looked){.cluster = cluster,
-                       .c = &w->scene->clusters[cluster],
-                       .world = known ? NULL : &in->world,
-                       .at = known ? NULL : &in->at,
-                       .planes = in->planes,
-                       .heights = known ? &in->heights : NULL,
-                       .coverage = in->coverage};
+/* The cluster in hand: over planes, or none when it was looked up. */
+static cr_looked *take_in_hand(const walk *w, uint32_t cluster, const cr_planes *planes) {
+    cr_in_hand *in = &w->search->in_hand;
+    cr_looked *l = &in->looked;
+    l->cluster = cluster;
+    l->c = &w->scene->clusters[cluster];
+    l->world = planes != NULL ? NULL : &in->world;
+    l->at = planes != NULL ? NULL : &in->at;
+    l->planes = planes;
+    l->heights = planes != NULL ? &in->heights : NULL;
+    l->coverage = in->coverage;
+    return l;
 }
 
 /* The hit of a cluster with covered lanes, and what it is inside of. */
@@ -184,8 +185,7 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
 static void add_next(walk *w) {
     cr_descent *s = w->search;
     const uint32_t hit = w->set->hit_count - 1u;
-    const cr_looked looked = looked_at(w, w->set->hits[hit].cluster);
-    s->hand = cr_way_add_more(w->field, w->pose, w->set, hit, &looked) ? CR_HAND_EMPTY : CR_HAND_ADDING;
+    s->hand = cr_way_add_more(w->field, w->pose, w->set, hit, &s->in_hand.looked) ? CR_HAND_EMPTY : CR_HAND_ADDING;
     s->spent += w->set->way.layers.parts;
 }
 
@@ -202,7 +202,6 @@ static void look_up_points(walk *w, uint32_t cluster, uint32_t slot, int lane) {
     w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * in->at.planes;
     in->slot = slot;
     in->lane = lane;
-    in->planes = NULL;
     w->search->hand = CR_HAND_LOOKED_UP;
 }
 
@@ -225,12 +224,12 @@ static float cover_points(walk *w, uint32_t cluster, const cr_batch *b, int lane
     if (covered == 0u) {
         return max_f(0.0f, smallest_clearance(c, at->phi_m, w->slack_out_m));
     }
-    cr_looked l = looked_at(w, cluster);
-    l.covered = covered;
-    l.full = full & used;
-    l.inside = ~outside & used;
-    l.near = find_near(c, near, covered, ~outside);
-    take_points(w, &l, b, lane);
+    cr_looked *l = take_in_hand(w, cluster, NULL);
+    l->covered = covered;
+    l->full = full & used;
+    l->inside = ~outside & used;
+    l->near = find_near(c, near, covered, ~outside);
+    take_points(w, l, b, lane);
     return 0.0f;
 }
 
@@ -285,7 +284,6 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     const int each = asks_for_each(w) && all->sign < 0.0f;
     const cr_planes *p = each ? all : cr_planes_alone(all, f->centre_m, f->radius_m, w->apart_m, &in->alone);
     cr_planes_measure(p, c, h);
-    in->planes = p;
     uint32_t full = (p->sign < 0.0f ? ~(h->below | h->cut) : h->below) & used, covered = full, inside = full,
              near = full;
     for (int i = 0; i < CR_LANES; i++) {
@@ -308,12 +306,12 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
         }
         return max_f(0.0f, smallest_clearance(c, coverage, w->slack_out_m));
     }
-    cr_looked l = looked_at(w, f->cluster);
-    l.covered = covered;
-    l.full = full;
-    l.inside = inside;
-    l.near = find_near(c, near, covered, inside);
-    take_points(w, &l, b, lane);
+    cr_looked *l = take_in_hand(w, f->cluster, p);
+    l->covered = covered;
+    l->full = full;
+    l->inside = inside;
+    l->near = find_near(c, near, covered, inside);
+    take_points(w, l, b, lane);
     return 0.0f;
 }
 
@@ -480,7 +478,7 @@ static void descend(walk *w) {
 static void begin_next(walk *w) {
     cr_descent *s = w->search;
     if (w->motion->stale != 0u) {
-        wake_all(w->motion);
+        cr_motion_wake(w->motion);
         s->spent += PARTS_OF_WAKE * w->scene->group_count;
     } else {
         s->hand = CR_HAND_EMPTY;

@@ -110,19 +110,20 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, r);
     const float base = max_f(0.0f, first_exit(e, y));
     float best = base;
-    *places = is_crease ? 3u : 1u;
+    uint32_t looked_at = is_crease ? 3u : 1u;
     if (is_crease && count > 0u) {
         const cr_vec3 end = v3_scale(v3_unit(r[0].spread, 0.0f), c->reach[i]);
         best = max_f(best, max_f(first_exit(e, end), first_exit(e, v3_scale(end, -1.0f))));
     }
     for (uint32_t a = 0; a < count; a++) {
         for (uint32_t b = 0; b < a; b++) {
-            *places += is_crease ? 1u : 1u + b;
+            looked_at += is_crease ? 1u : 1u + b;
             best = tie_of_two(&r[a], &r[b], &y) ? max_f(best, exit_at(c, i, e, y, base)) : best;
             for (uint32_t d = 0; d < b && !is_crease; d++) {
                 best = tie_of_three(&r[a], &r[b], &r[d], &y) ? max_f(best, exit_at(c, i, e, y, base)) : best;
             }
         }
     }
+    *places = looked_at;
     return best;
 }

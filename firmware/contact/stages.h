@@ -323,8 +323,8 @@ typedef struct {
 typedef struct {
     uint32_t slot; /* its sphere, as in cr_motion, */
     int lane;      /* and in the batch */
+    cr_looked looked;
     float coverage[CR_LANES];
-    const cr_planes *planes; /* null: it was looked up */
     union {
         struct {
             cr_planes alone;
@@ -360,6 +360,9 @@ typedef struct {
 
 /* Purpose  add the motion to this pose to the odometers; forget everything when they would lose precision. */
 void cr_motion_advance(cr_motion *motion, const cr_pose *world_from_tool);
+
+/* Purpose  wake all spheres, where motion->stale says that they have to be.   Output  motion->stale: 0. */
+void cr_motion_wake(cr_motion *motion);
 
 /* Purpose  the clusters of the shell that reach into the static object, in ascending order, and the zones they are inside of.
  * Output   *set, whole when the result is 1; the same to the bit for every subset of options->skip. With 0 the search is open: call

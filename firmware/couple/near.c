@@ -197,6 +197,9 @@ static void advance(cr_couple_found *f, const cr_scene *s, const cr_pose *tool) 
     m.wake_m = f->wake_m;
     m.wake_count = groups * CR_LANES;
     cr_motion_advance(&m, tool);
+    if (m.stale != 0u) {
+        cr_motion_wake(&m);
+    }
     f->slide_m = m.slide_m;
     f->slide_lost_m = m.slide_lost_m;
     f->turn_rad = m.turn_rad;

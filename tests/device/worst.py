@@ -3,9 +3,9 @@
     python worst.py [--seconds N] [--scene NAME ...] [--write]
 
 Random poses and those of the scene's own path are asked on this machine for the work that they count (`stats.work`);
-the dearest are climbed from, first by work and then by instructions of the emulated Cortex-M7. Each pose is asked out
-of nothing: the tool comes from far away. The search is the same each time, so far as its time goes. --write keeps what
-was found in worst_poses.csv; `make check-device` measures those poses again.
+the dearest are climbed from, first by work and then by instructions of the emulated Cortex-M7, beside the pose that was
+kept. Each pose is asked out of nothing: the tool comes from far away. The search is the same each time, so far as its
+time goes. --write keeps what was found in worst_poses.csv; `make check-device` measures those poses again.
 """
 
 from __future__ import annotations
@@ -178,8 +178,11 @@ def climb(
     return best, at
 
 
-def search(name: str, lookups: int, seconds: float) -> Found:
-    """The dearest pose that is found in this time; at least one round on the emulator."""
+def search(name: str, lookups: int, seconds: float, kept: Sequence[F64] = ()) -> Found:
+    """The dearest pose that is found in this time, also from those that were kept; at least one round on the emulator.
+
+    name: of the scene; lookups: work of a tick.
+    """
     end_s = time.monotonic() + seconds
     rng = np.random.default_rng([crc32(name.encode()), lookups])
     scene = open_scene(ROOT / "build" / "scenes" / f"{name}.crs")
@@ -189,7 +192,7 @@ def search(name: str, lookups: int, seconds: float) -> Found:
     ranked = sorted(starts, key=counted.work, reverse=True)
     climbed = [climb(pose, counted.work, radius_m, rng) for pose in ranked[:KEPT]]
     tops = [pose for _, pose in sorted(climbed, key=lambda c: c[0], reverse=True)]
-    poses = [*tops, *ranked[: BATCH - len(tops)]]
+    poses = [*kept, *tops, *ranked[: BATCH - len(tops) - len(kept)]]
     costs = instructions(name, lookups, poses)
     size_m = 0.05 * radius_m
     while time.monotonic() < end_s and size_m > 1e-6:
@@ -199,8 +202,8 @@ def search(name: str, lookups: int, seconds: float) -> Found:
         size_m *= 1.3 if max(found) > max(costs) else 0.7
         poses, costs = [*poses, *others], [*costs, *found]
     at = int(np.argmax(costs))
-    kept = poses[at].astype(np.float32).astype(np.float64)
-    return Found(name, lookups, instructions(name, lookups, [kept])[0], kept)
+    best_pose = poses[at].astype(np.float32).astype(np.float64)
+    return Found(name, lookups, instructions(name, lookups, [best_pose])[0], best_pose)
 
 
 # ------------------------------------------------------------------------------------------------------- what was found
@@ -258,14 +261,14 @@ def main() -> int:
         build_counter()
         found = []
         print(f"{'scene':16}{'lookups':>10}{'instructions':>15}{'kept before':>14}")
-        before = {(f.scene, f.lookups): f.instructions for f in read_poses()}
+        before = {(f.scene, f.lookups): f for f in read_poses()}
         for name in args.scene or SCENES:
             for lookups in TICKS:
-                found.append(search(name, lookups, args.seconds))
-                told = before.get((name, lookups))
-                print(
-                    f"{name:16}{lookups:10,}{found[-1].instructions:15,}{told or 0:14,}", flush=True
-                )
+                known = before.get((name, lookups))
+                kept = [known.pose] if known else []
+                found.append(search(name, lookups, args.seconds, kept))
+                told = known.instructions if known else 0
+                print(f"{name:16}{lookups:10,}{found[-1].instructions:15,}{told:14,}", flush=True)
     except CheckError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -44,8 +44,8 @@ DEEP = {
     ],
 }
 """Poses of the longest steps that were found, by search over deep ones."""
-STEP_WORK = 48
-"""Units of the longest: one of 24 zones that joins."""
+STEP_WORK = 14
+"""Units of the longest: a half-space of a hit."""
 MANY_SURFACES = [
     *(-0.0483156793, 0.0241204067, 0.0264952154),
     *(0.3741173558, -0.0854342292, 0.1434040570, 0.9122350936),
