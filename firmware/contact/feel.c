@@ -5,8 +5,6 @@
 
 #define POSITION_MAX_M 1e4f
 #define QUATERNION_TOLERANCE 0.01f
-/* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
-#define DISPLAY_SWEEPS 16
 
 /* Normalised copy of the pose, or a fault. */
 static uint32_t check_pose(const cr_pose *in, cr_pose *out) {
@@ -108,8 +106,12 @@ static void sum_wrench(const cr_config *config, cr_vec3 origin, const float *dep
     }
 }
 
+#ifdef CR_RIVALS
+/* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
+#define DISPLAY_SWEEPS 16
+
 /* Smallest shift that satisfies every contact plane, by relaxation over the areas. */
-static cr_vec3 display_shift(const cr_output *out, const float *depth_m) {
+static cr_vec3 relaxed_shift(const cr_output *out, const float *depth_m) {
     cr_vec3 u = v3(0.0f, 0.0f, 0.0f);
     for (int sweep = 0; sweep < DISPLAY_SWEEPS; sweep++) {
         float worst = 0.0f;
@@ -124,6 +126,24 @@ static cr_vec3 display_shift(const cr_output *out, const float *depth_m) {
         if (worst <= 1e-7f) {
             break;
         }
+    }
+    return u;
+}
+#endif
+
+/* By what the contacts push: the force of the springs alone, over their stiffness. */
+static cr_vec3 display_shift(const cr_config *config, const cr_output *out, const float *depth_m) {
+    cr_vec3 u = v3(0.0f, 0.0f, 0.0f);
+#ifdef CR_RIVALS
+    if (!areas_share(config)) {
+        return relaxed_shift(out, depth_m);
+    }
+#else
+    (void)config;
+    (void)depth_m;
+#endif
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        u = v3_mad(u, out->areas[i].normal_world, out->areas[i].depth_m);
     }
     return u;
 }
@@ -246,7 +266,7 @@ static void sum_areas(cr_world *w, const xform *now, cr_output *out) {
     find_depths(&w->config, out, depth_m);
     sum_wrench(&w->config, now->t, depth_m, out);
     cr_vec3 pos_m = out->display_pose.pos_m;
-    out->display_pose.pos_m = v3_add(pos_m, display_shift(out, depth_m));
+    out->display_pose.pos_m = v3_add(pos_m, display_shift(&w->config, out, depth_m));
     fault_when_not_finite(w, pos_m, out);
 }
 
