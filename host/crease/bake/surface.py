@@ -22,6 +22,8 @@ I32 = npt.NDArray[np.int32]
 
 THREADS = 2
 _CHUNK = 16384
+SIDEWAYS = 1e-9
+"""Part of a distance by which it is longer than the height above the nearest triangle, where its rim is nearest."""
 
 
 def _ptr(kind: str, array: npt.NDArray[Any]) -> Any:
@@ -95,11 +97,17 @@ class Surface:
         return self._settled(points, phi, triangle), triangle
 
     def _settled(self, points: F64, phi: F64, triangle: I32) -> F64:
-        """The distances, with the sign of doubtful ones by the winding number."""
-        if self.winding is not None:
-            asked = np.flatnonzero(self.doubtful[triangle])
-            inside = self.winding.at(points[asked]) > 0.5
-            phi[asked] = np.where(inside, -1.0, 1.0) * np.abs(phi[asked])
+        """The distances, with the sign by the winding number where a doubtful edge or corner is nearest."""
+        if self.winding is None:
+            return phi
+        asked = np.flatnonzero(self.doubtful[triangle])
+        corners = self.mesh.vertices_m[self.mesh.triangles[triangle[asked]]]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        height = np.abs(((points[asked] - corners[:, 0]) * normal).sum(axis=1))
+        far = np.abs(phi[asked]) * np.linalg.norm(normal, axis=1)
+        asked = asked[height < (1.0 - SIDEWAYS) * far]
+        inside = self.winding.at(points[asked]) > 0.5
+        phi[asked] = np.where(inside, -1.0, 1.0) * np.abs(phi[asked])
         return phi
 
     def mark_bricks(
