@@ -72,8 +72,8 @@ over stiffness, mm, off by, and how far the damage moved the surface (points spr
 """
 LIMITS = """
 Where the force is off by more than the surface moved: on the knob, whose 5,200 patches of knurls are smaller than the samples
-of the ball (more zones than there is room for: which of them count is a matter of order), and beside the blades of the impeller, of
-0.8 mm, which a ball passes when it is 0.6 mm deep in one that noise has shifted.
+of the ball (more zones than there is room for: which of them count is a matter of order), on the threads of the screw, and on the
+impeller and the shaft with noise; why there is not known.
 """
 Floats = NDArray[np.float64]
 Judge = Callable[[Path, Path], dict[str, str]]
