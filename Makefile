@@ -382,12 +382,12 @@ bench-properties: build/.develop build/meshes/.stamp $(PEERS)/.libraries ## what
 	    $(if $(QUICK),corner --every 40,--every 4) --repeat 1 --library $(PEERS)/libpeers.so
 	$(CREASE) bench properties -o $(OUT)/properties --peers $(OUT)/peers/properties --force $(if $(QUICK),--quick --scenes corner)
 
-bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size: build/bench/meshes.csv; the time foreseen
-	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o $(OUT)/bench $(if $(QUICK),--parts spanner --damages clean holes)
+bench-meshes: build/.develop build/meshes/.stamp ## machine parts, clean and spoiled in nine ways: accepted, inside right, time, memory, size, force: tests/bench/MESHES.md; the time foreseen
+	PYTHONPATH=meshes $(PY) tests/bench/meshes.py -o $(OUT)/bench $(if $(QUICK),--parts spanner --damages clean holes,--write)
 	PYTHONPATH=meshes $(PY) tests/bench/bake_estimate.py $(if $(QUICK),--only nut)
 
-bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: build/bench/force
-	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o $(OUT)/bench/force $(if $(QUICK),--parts spanner)
+bench-meshes-force: build/.develop build/meshes/.stamp ## clearing and amplification over every ridge and pocket of these parts, three tools: tests/bench/MESHES.md
+	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/meshes.py --damages clean --judge mesh_judge:judge -o $(OUT)/bench/force $(if $(QUICK),--parts spanner,--write)
 
 bench-curved: build/.develop ## balls on torus, saddle, bowl and involute at three tessellations: force and amplification beside the smooth bodies', 6 minutes
 	PYTHONPATH=meshes:tests/bench $(PY) tests/bench/curved.py $(if $(QUICK),--quick --scenes saddle)
