@@ -107,13 +107,10 @@ static void sum_wrench(const cr_config *config, cr_vec3 origin, const float *dep
 }
 
 #ifdef CR_RIVALS
-/* Most sweeps over the areas to move the tool out for the eye: it ends when none lacks 0.1 um. */
-#define DISPLAY_SWEEPS 16
-
-/* Smallest shift that satisfies every contact plane, by relaxation over the areas. */
+/* Smallest shift that satisfies every contact plane, by relaxation over the areas: 16 sweeps, or until none lacks 0.1 um. */
 static cr_vec3 relaxed_shift(const cr_output *out, const float *depth_m) {
     cr_vec3 u = v3(0.0f, 0.0f, 0.0f);
-    for (int sweep = 0; sweep < DISPLAY_SWEEPS; sweep++) {
+    for (int sweep = 0; sweep < 16; sweep++) {
         float worst = 0.0f;
         for (uint32_t i = 0; i < out->area_count; i++) {
             const cr_area *a = &out->areas[i];

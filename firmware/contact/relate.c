@@ -143,7 +143,7 @@ static cr_vec3 favour_large(uint32_t zones, const cr_vec3 *unit, const float *al
     }
     for (uint32_t left = zones; left != 0u;) {
         const int c = take_lane(&left);
-        const float r = of[c] / most;
+        const float r = of[c] / most; /* cppcheck-suppress uninitvar ; set for the same lanes above */
         sum = v3_mad(sum, unit[c], alpha[c] * r * (2.5f - 1.5f * r));
     }
     return sum;

@@ -64,7 +64,6 @@ GIVEN = {
     "SHARP_MIN": "rounding",
     "CR_WAY_LEAVES_MIN": "rounding",
     "ODOMETER_MAX_M": "the last bit of an odometer",
-    "DISPLAY_SWEEPS": "for the eye: no force depends on it",
     "BOX_MAX": "work, no answer",
     "RIVALS_MAX": "work",
     "CR_WORK_PARTS": "how finely work is counted",

@@ -64,8 +64,9 @@ libigl's winding number of the clean part). Seconds are of the processor, readin
 |---|---|---|---|---|---|---|
 """
 DAMAGED = """
-A ball is drawn over every ridge and pocket of the clean part, 0.6 mm deep, and along the same paths in the spoiled one: force
-over stiffness, mm, off by, and how far the damage moved the surface (points spread over either, to the other; libigl).
+A ball is drawn over every ridge and pocket of the clean part, 0.6 mm deep, and along the same paths in the spoiled one:
+force over stiffness, mm, off by, and how far the damage moved the surface (points spread over either, to the other;
+libigl).
 
 | damage | median over parts: moved, p99 | force off, RMS | p99 | largest: moved | force off, p99 |
 |---|---|---|---|---|---|
@@ -75,17 +76,18 @@ FORCE = """
 
     make bench-meshes-force             # 10 minutes; writes this section and build/bench/force/meshes.csv
 
-Three tools are drawn over every ridge and pocket of the clean parts, 0.6 mm deep (`tests/bench/mesh_paths.py`). Not clear: share of deep
-poses whose force, as a shift, is not 0.9 to 1.05 of what leads out, by booleans; jammed poses do not count. Amplification: 99th
-percentile / largest. Off: force over stiffness of the ball against voxels a third as large, mm, RMS / 99th percentile.
+Three tools are drawn over every ridge and pocket of the clean parts, 0.6 mm deep (`tests/bench/mesh_paths.py`). Not
+clear: share of deep poses whose force, as a shift, is not 0.9 to 1.05 of what leads out, by booleans; jammed poses do
+not count. Amplification: 99th percentile / largest. Off: force over stiffness of the ball against voxels a third as
+large, mm, RMS / 99th percentile.
 
-| part | ball: not clear | amplification | off | box: not clear | amplification | stylus: not clear | amplification |
+| part | ball: not clear | amplification | off | box: not clear | amplified | stylus: not clear | amplification |
 |---|---|---|---|---|---|---|---|
 """
 LIMITS = """
-Where the force is off by more than the surface moved: on the knob, whose 5,200 patches of knurls are smaller than the samples
-of the ball (more zones than there is room for: which of them count is a matter of order), on the threads of the screw, and on the
-impeller and the shaft with noise; why there is not known.
+Where the force is off by more than the surface moved: on the knob, whose 5,200 patches of knurls are smaller than the
+samples of the ball (more zones than there is room for: which of them count is a matter of order), on the threads of the
+screw, and on the impeller and the shaft with noise; why there is not known.
 """
 Floats = NDArray[np.float64]
 Judge = Callable[[Path, Path], dict[str, str]]
@@ -100,9 +102,7 @@ def all_parts() -> dict[str, Callable[[], trimesh.Trimesh]]:
     }
 
 
-def wrong_share(
-    clean: trimesh.Trimesh, path: Path, unit_mm: float, damage: str
-) -> float:
+def wrong_share(clean: trimesh.Trimesh, path: Path, unit_mm: float, damage: str) -> float:
     """Share of random points that the bake takes for the wrong side.   Errors: CreaseError when the mesh is refused."""
     mesh = load_mesh(path, unit_mm * 1e-3)
     low, high = clean.bounds
@@ -143,31 +143,21 @@ class Compared:
         self.paths: list[Floats] = []
         self.way_mm = np.zeros((0, 3))
 
-    def columns(
-        self, damage: str, scene: Path, clean: trimesh.Trimesh
-    ) -> dict[str, str]:
+    def columns(self, damage: str, scene: Path, clean: trimesh.Trimesh) -> dict[str, str]:
         """Of the clean part first: it says the paths."""
         opened = open_scene(scene)
         body, ball = read_bodies(opened)
         if damage == "clean":
             static = make_mesh(body.vertices_m, body.triangles, 1.0, source=scene.stem)
-            surface = make_surface(
-                static, float(np.degrees(opened.meta.crease_angle_rad))
-            )
-            self.paths = strokes(
-                surface, 1e3 * ball.vertices_m, ball.triangles.astype(np.int32)
-            )
+            surface = make_surface(static, float(np.degrees(opened.meta.crease_angle_rad)))
+            self.paths = strokes(surface, 1e3 * ball.vertices_m, ball.triangles.astype(np.int32))
         ask = asker(opened, ReplayOptions())
         answers = [ask(poses) for poses in self.paths]
-        way_mm = np.concatenate(
-            [np.zeros((0, 3)), *(answer.way_mm for answer in answers)]
-        )
+        way_mm = np.concatenate([np.zeros((0, 3)), *(answer.way_mm for answer in answers)])
         if damage == "clean":
             self.way_mm = way_mm
             return {"paths": str(len(self.paths))}
-        touching = (
-            np.linalg.norm(np.stack([way_mm, self.way_mm]), axis=2).max(axis=0) > 0.0
-        )
+        touching = np.linalg.norm(np.stack([way_mm, self.way_mm]), axis=2).max(axis=0) > 0.0
         off = np.linalg.norm(way_mm - self.way_mm, axis=1)[touching]
         moved = moved_mm(clean, 1e3 * body.vertices_m, body.triangles.astype(np.int64))
         return {
@@ -180,9 +170,7 @@ class Compared:
         }
 
 
-def moved_mm(
-    clean: trimesh.Trimesh, vertices: Floats, faces: NDArray[np.int32]
-) -> Floats:
+def moved_mm(clean: trimesh.Trimesh, vertices: Floats, faces: NDArray[np.int32]) -> Floats:
     """Distances from points spread over either surface to the other, mm, (n,)."""
     mended = trimesh.Trimesh(vertices, faces, process=False)
     away = []
@@ -260,16 +248,12 @@ def page(lines: list[dict[str, str]]) -> str:
         for label, these in (("", mine[:1]), (", worst of spoiled", mine[1:])):
             worst = {key: most(these, key) for key in COSTS}
             cells = [
-                ""
-                if found is None
-                else found[key] + ("" if not label else f" ({found['damage']})")
+                "" if found is None else found[key] + ("" if not label else f" ({found['damage']})")
                 for key, found in worst.items()
             ]
             text += f"| {name}{label} | {' | '.join(cells)} |\n"
     text += DAMAGED
-    for damage in dict.fromkeys(
-        line["damage"] for line in lines if line["damage"] != "clean"
-    ):
+    for damage in dict.fromkeys(line["damage"] for line in lines if line["damage"] != "clean"):
         mine = [line for line in lines if line["damage"] == damage and OFF[0] in line]
         cells = [f"{np.median([float(line[key]) for line in mine]):.3f}" for key in OFF]
         for key in ("moved_max_mm", "force_off_p99_mm"):
@@ -308,9 +292,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--parts", nargs="+", choices=list(all_parts()), default=list(all_parts())
-    )
+    parser.add_argument("--parts", nargs="+", choices=list(all_parts()), default=list(all_parts()))
     parser.add_argument(
         "--damages",
         nargs="+",
@@ -342,27 +324,17 @@ def main() -> int:
                     flush=True,
                 )
     with (args.output / "meshes.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(
-            file, list(dict.fromkeys(key for line in lines for key in line))
-        )
+        writer = csv.DictWriter(file, list(dict.fromkeys(key for line in lines for key in line)))
         writer.writeheader()
         writer.writerows(lines)
     if args.write:
-        before = PAGE.read_text(encoding="utf-8").partition(
-            FORCE[: FORCE.index("\n\n")]
-        )
+        before = PAGE.read_text(encoding="utf-8").partition(FORCE[: FORCE.index("\n\n")])
         kept = before[1] + before[2]
-        made = (
-            page(lines) + kept
-            if args.judge is None
-            else before[0] + force_section(lines)
-        )
+        made = page(lines) + kept if args.judge is None else before[0] + force_section(lines)
         PAGE.write_text(made, encoding="utf-8")
     refused = sum(line.get("accepted") != "yes" for line in lines)
     wrong = sum(float(line.get("wrong_ppm", 0)) > 100 for line in lines)
-    print(
-        f"{len(lines)} meshes: {refused} refused, {wrong} with points on the wrong side"
-    )
+    print(f"{len(lines)} meshes: {refused} refused, {wrong} with points on the wrong side")
     return int(refused > 0 or wrong > 0)
 
 

@@ -45,7 +45,7 @@ def test_constants_are_those_of_the_sources() -> None:
     constants = Constants({"GROUPS": 421})
     assert constants.value("CR_LANES") == 16
     assert constants.value("16 * GROUPS") == 16 * 421
-    assert constants.value("relate.c:SWEEPS + resolve.c:SWEEPS") == 32 + 64
+    assert constants.value("relate.c:SWEEPS + resolve.c:SWEEPS") == 32 + 32
     assert constants.value("CR_WAY_EXITS_MAX") == 12
     assert constants.but(CR_KIND_FACETS_MAX=3).value("CR_WAY_EXITS_MAX") == 9
     for wrong in ("SWEEPS", "NOBODY", "relate.c:CR_LANES", "CR_LANES; 1"):

@@ -46,9 +46,7 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
     option: tuple[str, str],
 ) -> None:
     start_s = time.monotonic()
-    said = crease(
-        *bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "2GiB"
-    )
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "2GiB")
     assert time.monotonic() - start_s < 20.0
     assert said.status == 1
     assert said.err.count("\n") == 1
@@ -65,9 +63,7 @@ def test_memory_that_no_bake_fits_into_is_not_laid_on_the_spacing(
     crease: Run,
     option: tuple[str, str],
 ) -> None:
-    said = crease(
-        *bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "1MB"
-    )
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), *option, "--memory-max", "1MB")
     assert said.status == 1
     assert "; any bake takes over 286 MiB" in said.err
     assert " or more" not in said.err
@@ -90,11 +86,7 @@ def test_a_bare_number_is_in_the_unit_of_the_file(
     args = [*bake_args(tmp_path, block_stl, ball_stl), "--json", "--force"]
     with_unit = crease(*args, "--voxel", "2mm", "--spacing", "1.5mm").json
     bare = crease(*args, "--voxel", "2", "--spacing", "1.5").json
-    assert (
-        bare["bake"]["voxel_m"]
-        == with_unit["bake"]["voxel_m"]
-        == pytest.approx(2e-3, rel=1e-6)
-    )
+    assert bare["bake"]["voxel_m"] == with_unit["bake"]["voxel_m"] == pytest.approx(2e-3, rel=1e-6)
     assert bare["bake"]["spacing_m"] == with_unit["bake"]["spacing_m"]
     assert parse_length("2", 1e-3) == pytest.approx(2e-3)
     assert parse_length("2in", 1e-3) == pytest.approx(0.0508)
@@ -210,12 +202,8 @@ def test_the_same_bytes_with_any_number_of_workers(
     for threads in (1, 2, 5):
         for module in ("bake.surface", "bake.gather", "mesh.arrange"):
             monkeypatch.setattr(f"crease.{module}.THREADS", threads)
-        static, tool = (
-            make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball)
-        )
-        images.add(
-            bake_scene(static, tool, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image
-        )
+        static, tool = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (both, ball))
+        images.add(bake_scene(static, tool, BakeOptions(voxel_m=4e-3, spacing_m=2e-3)).image)
     assert len(images) == 1
 
 
@@ -250,9 +238,7 @@ def test_an_image_gets_no_larger_than_wished() -> None:
     mesh = make_mesh(ball.vertices, ball.faces, 1e-3, source="ball")
     free = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3))
     room = len(free.image) // 2
-    fitted = bake_scene(
-        mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room)
-    )
+    fitted = bake_scene(mesh, mesh, BakeOptions(voxel_m=1e-3, spacing_m=3e-3, image_max_bytes=room))
     assert len(fitted.image) <= room
     assert any("image_max_bytes=" in note for note in fitted.warnings)
 
@@ -275,9 +261,7 @@ def test_above_the_depth_of_the_tool_the_force_is_the_same_to_the_bit(
         else trimesh.creation.cylinder(20.0, 40.0, sections=96)
     )
     tool = trimesh.creation.icosphere(3, radius=8.0)
-    static, ball = (
-        make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (solid, tool)
-    )
+    static, ball = (make_mesh(m.vertices, m.faces, 1e-3, source="m") for m in (solid, tool))
     depth_m = np.linspace(-1e-3, 18e-3, 191)
     place_m = np.zeros((len(depth_m), 3))
     if shape == "block":
@@ -304,12 +288,7 @@ def test_above_the_depth_of_the_tool_the_force_is_the_same_to_the_bit(
 
 
 def test_creases_of_a_machined_part_are_not_noise() -> None:
-    part = (
-        trimesh.creation.box(extents=(20.0, 20.0, 20.0))
-        .subdivide()
-        .subdivide()
-        .subdivide()
-    )
+    part = trimesh.creation.box(extents=(20.0, 20.0, 20.0)).subdivide().subdivide().subdivide()
     from crease.bake.bake import noise_warning
 
     mesh = make_mesh(part.vertices, part.faces, 1e-3, source="part")
@@ -332,16 +311,11 @@ def test_kinds_of_cells_are_merged_until_they_fit(
     merged = bake_scene(mesh, mesh, options)
     sections = read_sections(np.frombuffer(merged.image, np.uint8))
     kinds, cells = sections[int(lib.CR_SEC_KINDS)], sections[int(lib.CR_SEC_CELLS)]
-    assert (
-        len(read_sections(np.frombuffer(free.image, np.uint8))[int(lib.CR_SEC_KINDS)])
-        > most
-    )
+    assert len(read_sections(np.frombuffer(free.image, np.uint8))[int(lib.CR_SEC_KINDS)]) > most
     assert len(kinds) <= most
     assert cells.view(np.uint16).max() < len(kinds)
     open_image(merged.image, "merged")
-    assert merged.report["error_max_m"] == pytest.approx(
-        free.report["error_max_m"], rel=0.5
-    )
+    assert merged.report["error_max_m"] == pytest.approx(free.report["error_max_m"], rel=0.5)
 
 
 def test_a_brick_that_loses_planes_to_merging_has_none(
@@ -349,18 +323,15 @@ def test_a_brick_that_loses_planes_to_merging_has_none(
 ) -> None:
     """Those of its own facets and those of its neighbours' go together, or the image is none."""
     ball = trimesh.creation.icosphere(1, radius=20.0)
-    kinds = Kinds(
-        make_surface(make_mesh(ball.vertices, ball.faces, 1e-3, source="ball"), 30.0)
-    )
+    kinds = Kinds(make_surface(make_mesh(ball.vertices, ball.faces, 1e-3, source="ball"), 30.0))
     flat = kinds.index(int(lib.CR_KIND_PLANAR), (kinds.planar(0),))
     bent = kinds.index(int(lib.CR_KIND_CURVED), (kinds.curved(0),))
     edge = kinds.index(int(lib.CR_KIND_CONVEX), (kinds.planar(0), kinds.planar(1)))
-    monkeypatch.setattr(
-        kinds, "merged", lambda _voxel_m: np.array([0, bent, bent, edge], np.int32)
-    )
+    monkeypatch.setattr(kinds, "merged", lambda _voxel_m: np.array([0, bent, bent, edge], np.int32))
     planes = BrickPlanes(
         np.array([flat, edge, flat], np.int32), np.array([edge, edge, 0], np.int32)
     )
     cells, left = _merged(kinds, np.array([flat, edge], np.int32), planes, 1e-3)
     assert cells.tolist() == [bent, edge]
-    assert left.least.tolist() == [0, edge, 0] and left.most.tolist() == [0, edge, 0]
+    assert left.least.tolist() == [0, edge, 0]
+    assert left.most.tolist() == [0, edge, 0]

@@ -42,9 +42,7 @@ def rows(values: Sequence[Sequence[float]]) -> str:
 
 def as_obj(points: Points, faces: Faces) -> str:
     places = "".join(f"v {x:g} {y:g} {z:g}\n" for x, y, z in points)
-    return places + "".join(
-        "f " + " ".join(str(i + 1) for i in face) + "\n" for face in faces
-    )
+    return places + "".join("f " + " ".join(str(i + 1) for i in face) + "\n" for face in faces)
 
 
 def as_off(points: Points, faces: Faces) -> str:
@@ -55,22 +53,19 @@ def as_off(points: Points, faces: Faces) -> str:
 def as_coloured_off(points: Points, faces: Faces) -> str:
     """With comments, empty lines, and colours of vertices and faces."""
     coloured = [[*point, 255, 0, 0] for point in points]
-    counted = "".join(
-        rows([[len(f), *f]]).rstrip() + "   0.9 0 0  # red\n\n" for f in faces
-    )
+    counted = "".join(rows([[len(f), *f]]).rstrip() + "   0.9 0 0  # red\n\n" for f in faces)
     head = f"# made by hand\nCOFF  # coloured\n\n{len(points)} {len(faces)}\n"
     return head + rows(coloured) + counted
 
 
 def as_ply(points: Points, faces: Faces) -> str:
     numbers = "".join(f"property float {axis}\n" for axis in "xyz")
-    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{numbers}element face {len(faces)}\n"
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{numbers}element face {len(faces)}\n"
+    )
     counted = [[len(face), *face] for face in faces]
     return (
-        head
-        + "property list uchar int vertex_indices\nend_header\n"
-        + rows(points)
-        + rows(counted)
+        head + "property list uchar int vertex_indices\nend_header\n" + rows(points) + rows(counted)
     )
 
 
@@ -105,9 +100,7 @@ def test_a_face_that_is_not_convex_is_read_as_it_is(
 
 def test_faces_with_nothing_folded_stay_to_the_bit() -> None:
     points, faces = prism(U_SHAPE[:3])
-    fans = np.array(
-        [(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)]
-    )
+    fans = np.array([(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)])
     assert unfold(np.array(points), fans) is fans
 
 
@@ -129,11 +122,10 @@ def test_a_fold_that_encloses_nothing_stays() -> None:
         ("OFF\n3 1 0\n0 0 0\n1 x 0\n0 1 0\n3 0 1 2\n", "cannot be read as .off"),
     ],
 )
-def test_a_damaged_off_file_is_refused_in_one_line(
-    tmp_path: Path, text: str, reason: str
-) -> None:
+def test_a_damaged_off_file_is_refused_in_one_line(tmp_path: Path, text: str, reason: str) -> None:
     path = tmp_path / "damaged.off"
     path.write_text(text)
     with pytest.raises(MeshError, match=reason) as refused:
         load_mesh(path, "mm")
-    assert "\n" not in str(refused.value) and str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert str(path) in str(refused.value)

@@ -36,7 +36,7 @@ def wedge(turn_rad: float) -> trimesh.Trimesh:
 
 
 def test_two_wedges_that_share_an_edge_have_nothing_between_them() -> None:
-    """Most of what is round the edge is nearest to the edge, whose normals cancel: by them half of it would be inside."""
+    """Most of what is round the edge is nearest to it, and its normals cancel: by them half would be inside."""
     both = trimesh.util.concatenate([wedge(0.0), wedge(2.0)])
     both.merge_vertices()
     mesh = make_mesh(both.vertices, both.faces, 1e-3, source="wedges")
@@ -49,17 +49,15 @@ def test_two_wedges_that_share_an_edge_have_nothing_between_them() -> None:
         inside |= away < np.radians(15.0)
     phi_m, _ = surface.signed_distance(1e-3 * points)
     np.testing.assert_array_equal(phi_m < 0.0, inside)
-    assert surface.doubtful.any() and surface.winding is not None
+    assert surface.doubtful.any()
+    assert surface.winding is not None
 
 
-def test_a_closed_surface_that_touches_itself_nowhere_is_asked_no_winding_number() -> (
-    None
-):
+def test_a_closed_surface_that_touches_itself_nowhere_is_asked_no_winding_number() -> None:
     ball = trimesh.creation.icosphere(3, radius=10.0)
-    surface = make_surface(
-        make_mesh(ball.vertices, ball.faces, 1e-3, source="ball"), 30.0
-    )
-    assert not surface.doubtful.any() and surface.winding is None
+    surface = make_surface(make_mesh(ball.vertices, ball.faces, 1e-3, source="ball"), 30.0)
+    assert not surface.doubtful.any()
+    assert surface.winding is None
 
 
 def test_a_shared_corner_is_found() -> None:
@@ -84,7 +82,7 @@ def test_leaves_fall_in_pairs() -> None:
 def test_what_decimating_left_has_the_inside_that_its_triangles_wind_round(
     name: str,
 ) -> None:
-    """Decimated bone: a leaf that a crack's cap made turned the sign of what is up to 24 mm away, and a ball felt 7 N in free space."""
+    """A leaf on the bone turned the sign of what is up to 24 mm away: a ball felt 7 N in free space."""
     spoiled = parts.SPOILERS["decimated"](parts.PARTS[name]())
     mesh = make_mesh(spoiled.vertices, spoiled.faces, 1e-3, source=name)
     vertices, triangles = 1e3 * mesh.vertices_m, mesh.triangles.astype(np.int64)

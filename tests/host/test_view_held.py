@@ -73,7 +73,7 @@ def test_table_of_a_held_tool_has_its_settings(held: tuple[Path, Path]) -> None:
 def test_points_that_press_carry_the_wrench(held: tuple[Path, Path]) -> None:
     """By statics: what the points hold the tool with is what the spring pulls it with.
 
-    A gap has steps of 1 nm in 32 bits, 6 mN a point.
+    A gap has steps of 1 nm in 32 bits, 24 mN a point.
     """
     scene, table, path = open_scene(held[0]), read_table(held[1]), load_trajectory(held[1])
     options = couple_options_of(table)
@@ -81,7 +81,7 @@ def test_points_that_press_carry_the_wrench(held: tuple[Path, Path]) -> None:
     nothing, points = find_held(scene, path, options)
     assert len(nothing.changes) == len(nothing.zones) == 0
     sure = (
-        np.linalg.norm(forces_N(table), axis=1) > 0.5
+        np.linalg.norm(forces_N(table), axis=1) > 2.0
     )  # below, points are nanometres behind their planes, or not
     assert np.array_equal(points.counts[sure], table["areas"][sure])
     assert not points.counts[table["z_m"] > 0.0101].any()
@@ -97,11 +97,11 @@ def test_points_that_press_carry_the_wrench(held: tuple[Path, Path]) -> None:
             axis=0
         )
         felt = torque_Nm[tick] - np.cross(turn @ centre, force_N[tick])  # about the springs' centre
-        assert of["force_N"].sum(axis=0) == pytest.approx(force_N[tick], abs=0.04)
-        assert moment == pytest.approx(felt, abs=5e-4)
+        assert of["force_N"].sum(axis=0) == pytest.approx(force_N[tick], abs=0.16)
+        assert moment == pytest.approx(felt, abs=2e-3)
         assert (of["force_N"][:, 2] > 0).all()
         slip_N = np.hypot(of["force_N"][:, 0], of["force_N"][:, 1])
-        assert (slip_N <= 0.3 * of["force_N"][:, 2] + 0.02).all()
+        assert (slip_N <= 0.3 * of["force_N"][:, 2] + 0.08).all()
         checked += 1
     assert checked > 10
     assert np.abs(force_N[-1, :2]).max() > 0.2  # friction was there
