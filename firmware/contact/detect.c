@@ -546,10 +546,8 @@ static int tool_is_free(walk *w) {
 static void give_up(walk *w) {
     cr_descent *s = w->search;
     w->stats->clusters_dropped += s->waiting - s->visited + (uint32_t)(s->hand != CR_HAND_EMPTY);
-    if (s->hand == CR_HAND_ADDING) {
-        w->set->hit_count--;
-        w->set->contacts -= cr_count_lanes(w->set->hits[w->set->hit_count].inside);
-    }
+    w->set->hit_count -= (uint32_t)(s->hand == CR_HAND_ADDING);
+    w->set->contacts -= s->hand == CR_HAND_ADDING ? cr_count_lanes(w->set->hits[w->set->hit_count].inside) : 0u;
     for (uint32_t i = 0; i < s->depth; i++) {
         w->stats->clusters_dropped += cr_count_lanes(s->stack[i].lanes);
     }
@@ -586,7 +584,7 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
     search->open = !walk_on(&w);
     search->calls++;
     if (search->open && search->calls >= options->slices_max &&
-        !(search->hand == CR_HAND_ADDING && cr_way_is_halfway(&set->way.layers))) {
+        !(search->hand == CR_HAND_ADDING && set->way.layers.step > CR_WAY_ADD)) {
         give_up(&w);
         search->open = 0u;
     }

@@ -246,9 +246,6 @@ void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked);
 int cr_way_add_more(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
                     const cr_looked *looked);
 
-/* Purpose  whether some of a hit is in the zones, and not all.   Output  of the last hit. */
-static inline int cr_way_is_halfway(const cr_way_layers *l) { return l->step > CR_WAY_ADD; }
-
 /* Height of a sample above the plane normal . p + offset, m. */
 static inline float height_above(const struct cr_img_cluster *c, int i, cr_vec3 normal, float offset_m) {
     return normal.x * c->x[i] + normal.y * c->y[i] + normal.z * c->z[i] + offset_m;

@@ -311,13 +311,13 @@ static int is_cut(const cr_scene *s, const struct cr_img_kind *kind, const float
 
 /* Whether a facet meets each of those that were taken concavely. */
 static int meets_walls(const cr_scene *s, const uint32_t *taken, uint32_t count, uint32_t facet) {
-    for (uint32_t k = 0; k < count; k++) {
-        const uint32_t a = s->facets[taken[k]].patch, b = s->facets[facet].patch;
-        if (a == b || cr_pair_label(s, a, b) != (uint32_t)CR_PAIR_CONCAVE) {
-            return 0;
-        }
+    const uint32_t b = s->facets[facet].patch;
+    int meets = 1;
+    for (uint32_t k = 0; k < count && meets; k++) {
+        const uint32_t a = s->facets[taken[k]].patch;
+        meets = a != b && cr_pair_label(s, a, b) == (uint32_t)CR_PAIR_CONCAVE;
     }
-    return 1;
+    return meets;
 }
 
 void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3 place, cr_couple_walls *w) {
