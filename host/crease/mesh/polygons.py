@@ -55,7 +55,7 @@ def unfold(vertices: Vertices, triangles: npt.NDArray[Any]) -> npt.NDArray[Any]:
     points = np.asarray(vertices, np.float64)
     if len(triangles) == 0 or triangles.min() < 0 or triangles.max() >= len(points):
         return triangles
-    first, second = _neighbours(triangles, len(points))
+    first, second = (edge // 3 for edge in topology.paired_edges(triangles, len(points)))
     with np.errstate(all="ignore"):
         a, b, c = (points[triangles[:, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
@@ -86,18 +86,6 @@ def unfold(vertices: Vertices, triangles: npt.NDArray[Any]) -> npt.NDArray[Any]:
             kept[face] = False
             made.append(again)
     return np.concatenate([triangles[kept], *made]) if made else triangles
-
-
-def _neighbours(
-    triangles: npt.NDArray[Any], vertex_count: int
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Pairs of triangles on both sides of an edge that no third one has."""
-    codes = topology.undirected_codes(triangles, vertex_count)
-    order = np.argsort(codes, kind="stable")
-    ranked = codes[order]
-    new = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
-    two = new[np.diff(np.r_[new, len(ranked)]) == 2]
-    return order[two] // 3, order[two + 1] // 3
 
 
 def _in_plane(

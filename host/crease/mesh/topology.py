@@ -59,6 +59,16 @@ def undirected_codes(triangles: Triangles, vertex_count: int) -> Indices:
     return np.minimum(start, end) * vertex_count + np.maximum(start, end)
 
 
+def paired_edges(triangles: Triangles, vertex_count: int) -> tuple[Indices, Indices]:
+    """Edges (of 3 m) that just two triangles share: those of the one, and in the same order those of the other."""
+    codes = undirected_codes(triangles, vertex_count)
+    order = np.argsort(codes, kind="stable")
+    ranked = codes[order]
+    starts = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
+    pairs = starts[np.diff(np.r_[starts, len(codes)]) == 2]
+    return order[pairs], order[pairs + 1]
+
+
 def unbalanced_edges(triangles: Triangles, vertex_count: int) -> Indices:
     """Edges (of 3 m) whose direction occurs more often than its reverse. None: closed and consistently oriented."""
     start, end = directed_edges(triangles)
@@ -96,21 +106,18 @@ def without_leaves(triangles: Triangles) -> Triangles:
 
 def touching(triangles: Triangles, vertex_count: int) -> npt.NDArray[np.bool_]:
     """Triangles (m,) with a corner where a closed surface touches itself: in an edge of more than two, or a vertex."""
-    codes = undirected_codes(triangles, vertex_count)
-    order = np.argsort(codes, kind="stable")
-    ranked = codes[order]
-    start = np.flatnonzero(np.r_[True, ranked[1:] != ranked[:-1]])
-    uses = np.diff(np.r_[start, len(ranked)])
+    one, two = paired_edges(triangles, vertex_count)
+    start, end = directed_edges(triangles)
+    many = np.ones(len(start), bool)
+    many[one] = many[two] = False
     shared = np.zeros(vertex_count, bool)
-    many = ranked[start[uses != 2]]
-    shared[many // vertex_count] = shared[many % vertex_count] = True
+    shared[start[many]] = shared[end[many]] = True
     # Corners at a vertex hang together over its edges; where they do so in several parts, the surface touches there.
-    one, two = order[start[uses == 2]], order[start[uses == 2] + 1]
     after = (one // 3) * 3 + (one + 1) % 3, (two // 3) * 3 + (two + 1) % 3
     # Two triangles pass an edge in opposite directions: the start of the one is the end of the other.
     rows, columns = np.r_[one, after[0]], np.r_[after[1], two]
     links = sparse.coo_matrix(
-        (np.ones(len(rows), np.int8), (rows, columns)), shape=(codes.size,) * 2
+        (np.ones(len(rows), np.int8), (rows, columns)), shape=(len(start),) * 2
     )
     count, part = csgraph.connected_components(links, directed=False)
     vertex_of = np.zeros(count, np.int64)
@@ -203,12 +210,7 @@ def _paired_faces(
     triangles: Triangles, vertex_count: int
 ) -> tuple[Indices, Indices, npt.NDArray[np.bool_]]:
     """Triangles that share an edge of exactly two, and whether both run along it the same way (one is flipped)."""
-    codes = undirected_codes(triangles, vertex_count)
-    order = np.argsort(codes, kind="stable")
-    sorted_codes = codes[order]
-    starts = np.flatnonzero(np.r_[True, sorted_codes[1:] != sorted_codes[:-1]])
-    pairs = starts[np.diff(np.r_[starts, len(codes)]) == 2]
-    one, two = order[pairs], order[pairs + 1]
+    one, two = paired_edges(triangles, vertex_count)
     start, _ = directed_edges(triangles)
     return one // 3, two // 3, start[one] == start[two]
 
