@@ -188,7 +188,7 @@ enum {
 typedef struct {
     cr_vec3 force_world_N;
     cr_vec3 torque_world_Nm; /* about the tool origin */
-    cr_pose display_pose;    /* world_from_tool for the eye: moved out of the static object */
+    cr_pose display_pose;    /* world_from_tool for the eye: moved by what the contacts push */
     float depth_m;           /* of the deepest area, all that push along it counted; 0 in free space */
     cr_vec3 normal_world;    /* of the deepest area; 0 in free space */
     uint32_t faults;         /* CR_FAULT_* latched */

@@ -161,11 +161,11 @@ typedef struct {
 } cr_way_along;
 
 /* Purpose  how much each half-space pushes: the sum of lambda normal is the shortest translation out of all; those that oppose each other do not see each other.
- * Shapes   normal unit, depth_m, out lambda_m: [count].   Output  lambda_m: none pushes yet. */
+ * Shapes   normal unit, depth_m, out lambda_m: [count].   Output  lambda_m: 0, none pushes yet.   Source  resolve.c. */
 void cr_way_resolve_begin(const cr_vec3 *normal, const float *depth_m, uint32_t count, cr_way_along *along,
                           float *lambda_m);
 
-/* Purpose  one sweep over them.   Output  1: it was the last; 0: sweep again.   Cost  pairs of those with a depth. */
+/* Purpose  one sweep over them.   Output  1: it was the last, and lambda_m, m, is known; 0: sweep again.   Cost  pairs of those with a depth. */
 int cr_way_resolve_sweep(const float *depth_m, cr_way_along *along, float *lambda_m);
 
 /* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
