@@ -23,16 +23,18 @@
 /* Less than any cosine: no plane of this lane. */
 #define NO_PLANE (-2.0f)
 
-/* Work, in parts of a unit: a side of a surface, and each zone that its lanes are of; a half-space that they may count for, and again where they do; planes
- * that bound them there; a lane that is asked for one, twice where it is near another zone, counts, or is bounded by a plane; a plane of those that bound
- * them; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each lane that marches. */
-#define PARTS_OF_SIDE 96u
-#define PARTS_OF_ZONE 96u
+/* Work, in parts of a unit: a side of a surface; zones that are searched for that of its lanes, a part each; those that the lanes of a zone may be
+ * related to; a half-space that they may count for, and again where they do; planes
+ * that bound them there; a lane that is asked for one, twice where it is near another zone, counts, or finds its way through a row of these planes, and half
+ * of that to be above it; a plane that is known, one of the half-space, and a row; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
+ * lane that marches. */
+#define PARTS_OF_SIDE 20u
+#define PARTS_OF_ZONE 3u
 #define PARTS_OF_HALF 24u
-#define PARTS_OF_WAYS 64u
+#define PARTS_OF_WAYS 32u
 #define PARTS_OF_LANE 4u
-#define PARTS_OF_ROW 8u
-#define PARTS_OF_EXIT 8u
+#define PARTS_OF_ROW 6u
+#define PARTS_OF_EXIT 9u
 #define PARTS_OF_PLACE 20u
 #define PARTS_OF_FIRST 2u
 #define PARTS_OF_MARCH 64u
@@ -85,9 +87,8 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
     }
 }
 
-static void find_reach(const cr_way_spots *at, uint32_t lanes, const cr_way_rows *e, uint32_t k, float *reach_m) {
-    const struct cr_img_cluster *c = at->c;
-    const cr_lanes3 *normal = at->normal;
+static void find_reach(const struct cr_img_cluster *c, const cr_lanes3 *normal, uint32_t lanes, const cr_way_rows *e,
+                       uint32_t k, float *reach_m) {
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         reach_m[i] = cr_way_half_width(c, i, e->curved[k] ? lane_of(normal, i) : e->normal[k]);
     }
@@ -118,33 +119,33 @@ static uint32_t find_longer(const cr_way_spots *at, uint32_t lanes, const float 
     return longer & lanes;
 }
 
-static void find_ways(const cr_way_spots *at, uint32_t lanes, const cr_way_rows *e, float trusted, cr_way_ways *w) {
-    const struct cr_img_cluster *c = at->c;
-    float first[CR_LANES], second[CR_LANES]; /* the two least that exits may be anywhere on a piece */
+/* No row is known yet. */
+static void begin_ways(cr_way_ways *w, uint32_t lanes) {
     for (int i = 0; i < CR_LANES; i++) {
-        w->middle_m[i] = w->most_m[i] = first[i] = second[i] = NEVER_M;
+        w->middle_m[i] = w->most_m[i] = w->first_m[i] = w->second_m[i] = NEVER_M;
         w->steep[i] = 0.0f;
     }
-    for (uint32_t k = 0; k < e->count; k++) {
-        float reach[CR_LANES];
-        find_reach(at, lanes, e, k, reach);
-        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-            const float leaves = e->leaves[k][i], h = e->height_m[k][i];
-            const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
-            const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
-            const float least = there ? -(h + reach[i]) * per : NEVER_M;
-            w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
-            w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
-            w->steep[i] = higher_f(w->steep[i], leaves);
-            second[i] = lower_f(second[i], higher_f(first[i], least));
-            first[i] = lower_f(first[i], least);
-        }
-    }
-    w->plain = 0u;
+    w->row = 0u;
+    w->parts = 2u * PARTS_OF_LANE * lanes;
+}
+
+/* Ways through one row of planes: the next of those that bound the lanes. */
+static void find_ways(const struct cr_img_cluster *c, const cr_lanes3 *normal, uint32_t lanes, const cr_way_rows *e,
+                      cr_way_ways *w) {
+    float reach[CR_LANES];
+    const uint32_t k = w->row++;
+    find_reach(c, normal, lanes, e, k, reach);
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        w->plain |= (uint32_t)((second[i] > w->most_m[i]) & (w->steep[i] >= trusted)) << i;
+        const float leaves = e->leaves[k][i], h = e->height_m[k][i];
+        const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
+        const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
+        const float least = there ? -(h + reach[i]) * per : NEVER_M;
+        w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
+        w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
+        w->steep[i] = higher_f(w->steep[i], leaves);
+        w->second_m[i] = lower_f(w->second_m[i], higher_f(w->first_m[i], least));
+        w->first_m[i] = lower_f(w->first_m[i], least);
     }
-    w->plain &= ~(uint32_t)c->crease_mask;
 }
 
 /* How far the exit through planes is trusted, the steepest of them so steep. */
@@ -154,6 +155,9 @@ static float sure_of(const cr_way_half *half, float steep) {
     const float beside = clamp_f((steep - STEEP_MIN_CURVED) / (STEEP_CURVED - STEEP_MIN_CURVED), 0.0f, 1.0f);
     return flat + curved * (beside - flat);
 }
+
+/* From which steepness on it is trusted in full. */
+static float trusted_of(const cr_way_half *half) { return half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP; }
 
 /* One lane in full: anywhere on its piece; where the normal hardly leaves through the planes by what a march found. */
 static float way_of_lane(const cr_way_scratch *scratch, int i, uint32_t *places) {
@@ -196,8 +200,7 @@ static void march(const cr_way_survey *s) {
         place->z[i] = from->z[i] + to.z * r->gone_m[i];
     }
     cr_field_look_up_lanes(s->in->field, place, r->marching, found);
-    s->work->spent +=
-        PARTS_OF_MARCH + PARTS_OF_MARCHING * cr_count_lanes(r->marching) + CR_PARTS_OF_MEETING * found->planes;
+    s->work->spent += PARTS_OF_MARCH + PARTS_OF_MARCHING * cr_count_lanes(r->marching) + found->parts;
     for (uint32_t left = r->marching; left != 0u;) {
         const int i = take_lane(&left);
         const int inside = found->phi_m[i] < -MARCH_END * r->c->ramp[i];
@@ -208,32 +211,11 @@ static void march(const cr_way_survey *s) {
     r->marching = r->steps < MARCH_STEPS ? r->marching : 0u;
 }
 
-void cr_way_go_on(const cr_way_survey *s) {
-    cr_way_work *w = s->work;
-    cr_way_scratch *scratch = s->scratch;
-    cr_way_rest *r = &scratch->rest;
-    CR_ASSERT(w->left != 0u && (r->marching & ~w->left) == 0u);
-    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : scratch->rows.count;
-    while (w->left != 0u && !cr_way_waits(s)) {
-        if (r->marching != 0u) {
-            march(s);
-            continue;
-        }
-        const int i = take_lane(&w->left);
-        uint32_t places = 1u;
-        const float way_m = planes > 0u ? way_by_planes(r, i, &places) : way_of_lane(scratch, i, &places);
-        r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
-        w->spent += PARTS_OF_EXIT * (1u + exits) + places * (PARTS_OF_PLACE + PARTS_OF_FIRST * exits);
-    }
-}
-
 /* Lanes wait for all of their exits; those that no plane leads out of steeply enough march first. */
-static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, uint32_t marching,
-                     cr_way_half *half, float most_m) {
+static void wait_for(const cr_way_survey *s, uint32_t lanes, uint32_t marching, float most_m) {
     cr_way_scratch *scratch = s->scratch;
     cr_way_rest *r = &scratch->rest;
-    r->c = at->c;
-    r->half = half;
+    r->looks = CR_WAY_LANE_BY_LANE;
     r->most_m = most_m;
     r->marching = marching;
     r->steps = 0u;
@@ -241,11 +223,76 @@ static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t la
         for (int i = 0; i < CR_LANES; i++) {
             r->gone_m[i] = 0.0f;
         }
-        cr_lanes_to_world(s->in->world_from_tool, at->c->x, at->c->y, at->c->z, &scratch->march_from);
+        cr_lanes_to_world(s->in->world_from_tool, r->c->x, r->c->y, r->c->z, &scratch->march_from);
         s->work->spent += PARTS_OF_MARCH;
     }
     s->work->left = lanes;
-    cr_way_go_on(s);
+}
+
+/* All rows are known: lanes with but one exit count, those that may be longer wait. */
+static void end_ways(const cr_way_survey *s) {
+    cr_way_rest *r = &s->scratch->rest;
+    cr_way_half *half = r->half;
+    cr_way_ways *w = &s->scratch->ways;
+    const uint32_t lanes = s->work->left;
+    const float trusted = trusted_of(half);
+    float most = 0.0f;
+    uint32_t steep = 0u, left = 0u, plain = 0u;
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        plain |= (uint32_t)((w->second_m[i] > w->most_m[i]) & (w->steep[i] >= trusted)) << i;
+    }
+    plain &= lanes & ~(uint32_t)r->c->crease_mask;
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        const float far = FAR_MAX * half->deep_m + r->c->ramp[i];
+        const float way = r->part[i] * lower_f(far, higher_f(0.0f, w->middle_m[i]));
+        half->depth_m = ((plain >> i) & 1u) != 0u ? higher_f(half->depth_m, way) : half->depth_m;
+    }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        const float far = FAR_MAX * half->deep_m + r->c->ramp[i];
+        most = ((lanes >> i) & 1u) != 0u ? higher_f(most, far) : most;
+        left |= (uint32_t)(r->part[i] * lower_f(far, w->most_m[i]) > half->depth_m) << i;
+        steep |= (uint32_t)(w->steep[i] >= trusted) << i;
+    }
+    left &= lanes & ~plain;
+    s->work->spent += w->parts;
+    wait_for(s, left, left & ~steep, most);
+}
+
+/* The next row of planes for all lanes, or the end of these. */
+static void take_row(const cr_way_survey *s) {
+    cr_way_scratch *scratch = s->scratch;
+    if (scratch->ways.row == scratch->rows.count) {
+        end_ways(s);
+        return;
+    }
+    find_ways(scratch->rest.c, &scratch->normal, s->work->left, &scratch->rows, &scratch->ways);
+    s->work->spent += PARTS_OF_ROW + scratch->ways.parts;
+}
+
+/* The next lane, by all of its exits. */
+static void take_lane_left(const cr_way_survey *s) {
+    cr_way_work *w = s->work;
+    cr_way_rest *r = &s->scratch->rest;
+    const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : s->scratch->rows.count;
+    const int i = take_lane(&w->left);
+    uint32_t places = 1u;
+    const float way_m = planes > 0u ? way_by_planes(r, i, &places) : way_of_lane(s->scratch, i, &places);
+    r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
+    w->spent += PARTS_OF_EXIT * (1u + exits) + places * (PARTS_OF_PLACE + PARTS_OF_FIRST * exits);
+}
+
+void cr_way_go_on(const cr_way_survey *s) {
+    const cr_way_rest *r = &s->scratch->rest;
+    CR_ASSERT(s->work->left != 0u && (r->marching & ~s->work->left) == 0u);
+    while (s->work->left != 0u && !cr_way_waits(s)) {
+        if (r->looks == CR_WAY_ROW_BY_ROW) {
+            take_row(s);
+        } else if (r->marching != 0u) {
+            march(s);
+        } else {
+            take_lane_left(s);
+        }
+    }
 }
 
 /* Some flat planes and no other bound what the lanes leave, and one of them steeply enough: the exits, but for the heights of a lane. */
@@ -268,43 +315,27 @@ static int exits_of_planes(const cr_way_spots *at, const cr_way_half *half, cr_w
 }
 
 /* Lanes count for a half-space by their exits, each by its part: that in scratch, where what waits finds it. */
-static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, const float *part,
-                      cr_way_half *half) {
-    cr_way_rows *e = &s->scratch->rows;
-    cr_way_rest *rest = &s->scratch->rest;
-    cr_way_ways *w = &s->scratch->ways;
-    float most = 0.0f;
-    const float trusted = half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP;
-    uint32_t steep = 0u, left = 0u;
+static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, cr_way_half *half) {
+    cr_way_scratch *scratch = s->scratch;
+    cr_way_rest *rest = &scratch->rest;
     if (lanes == 0u) {
         return;
     }
-    s->work->spent += PARTS_OF_HALF;
+    s->work->spent += PARTS_OF_HALF + PARTS_OF_ROW * half->bound_count;
+    rest->c = at->c;
+    rest->half = half;
     if (exits_of_planes(at, half, rest)) {
-        wait_for(s, at, lanes, 0u, half, 0.0f);
-        return;
+        wait_for(s, lanes, 0u, 0.0f);
+    } else {
+        rest->exits.count = rest->marching = 0u;
+        rest->looks = CR_WAY_ROW_BY_ROW;
+        find_own(half, at, lanes, &scratch->rows);
+        add_bounds(half, at, lanes, &scratch->rows);
+        begin_ways(&scratch->ways, cr_count_lanes(lanes));
+        s->work->spent += PARTS_OF_WAYS + PARTS_OF_ROW * at->count + scratch->rows.count * scratch->ways.parts / 4u;
+        s->work->left = lanes;
     }
-    rest->exits.count = 0u;
-    find_own(half, at, lanes, e);
-    add_bounds(half, at, lanes, e);
-    find_ways(at, lanes, e, trusted, w);
-    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
-        const float way = part[i] * lower_f(far, higher_f(0.0f, w->middle_m[i]));
-        half->depth_m = ((lanes & w->plain) >> i) & 1u ? higher_f(half->depth_m, way) : half->depth_m;
-    }
-    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        const float far = FAR_MAX * half->deep_m + at->c->ramp[i];
-        most = ((lanes >> i) & 1u) != 0u ? higher_f(most, far) : most;
-        left |= (uint32_t)(part[i] * lower_f(far, w->most_m[i]) > half->depth_m) << i;
-        steep |= (uint32_t)(w->steep[i] >= trusted) << i;
-    }
-    left &= lanes & ~w->plain;
-    s->work->spent +=
-        PARTS_OF_WAYS + PARTS_OF_ROW * e->count + 2u * PARTS_OF_LANE * cr_count_lanes(lanes) * (2u + e->count);
-    if (left != 0u) {
-        wait_for(s, at, left, left & ~steep, half, most);
-    }
+    cr_way_go_on(s);
 }
 
 /* How near a lane is to another zone: 1 where it is no deeper below that one's mean plane than it is in its own, 0 from twice that on or above. */
@@ -352,19 +383,23 @@ static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32
             s->work->spent += 2u * PARTS_OF_LANE * cr_count_lanes(longer);
             longer = find_longer(at, longer, share, half);
         }
-        count_for(s, at, longer, share, half);
+        count_for(s, at, longer, half);
     }
 }
 
 void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part) {
     find_deep(at);
-    s->work->spent += PARTS_OF_SIDE;
+    s->work->spent += PARTS_OF_SIDE + PARTS_OF_LANE * cr_count_lanes(at->lanes);
     for (int slot = 0; slot < CR_PIECES; slot++) {
         const cr_way_key key = {surface, side, at->c->piece[slot]};
         const uint32_t lanes = at->lanes & at->c->piece_lanes[slot];
-        const uint32_t z = key.piece == CR_PIECE_NONE || lanes == 0u ? CR_WAY_NONE : cr_way_find(s->zones, key);
+        if (key.piece == CR_PIECE_NONE || lanes == 0u) {
+            continue;
+        }
+        const uint32_t z = cr_way_find(s->zones, key);
+        s->work->spent += s->zones->count;
         if (z != CR_WAY_NONE) {
-            s->work->spent += PARTS_OF_ZONE;
+            s->work->spent += PARTS_OF_ZONE * s->zones->count;
             count_in_zone(s, at, lanes, z, part);
         }
     }

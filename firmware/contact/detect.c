@@ -16,13 +16,14 @@
 /* Work, in lookups of 16 points: to look at a cluster over cells of the image. */
 #define WORK_OF_CELLS 2u
 /* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is
- * woken, and that is entered; a leaf. */
+ * woken, that is entered, and whose spheres are looked up; a leaf. */
 #define PARTS_OF_STEP 6u
 #define PARTS_OF_AROUND 48u
 #define PARTS_OF_POINTS 176u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
+#define PARTS_OF_SPHERES 40u
 #define PARTS_OF_LEAF 1u
 
 /* All spheres wake when the tree is seen next: in free space that costs nothing. */
@@ -82,7 +83,7 @@ typedef struct {
 
 static void look_up(const walk *w, const cr_lanes3 *world, uint32_t lanes, cr_lookup *out) {
     cr_field_look_up_lanes(w->field, world, lanes, out);
-    w->search->spent += CR_WORK_PARTS + CR_PARTS_OF_MEETING * out->planes;
+    w->search->spent += CR_WORK_PARTS + out->parts;
 }
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
@@ -199,7 +200,7 @@ static void look_up_points(walk *w, uint32_t cluster, uint32_t slot, int lane) {
     cr_in_hand *in = &w->search->in_hand;
     cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
     cr_field_look_up(w->field, &in->world, &in->at);
-    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + CR_PARTS_OF_MEETING * in->at.planes;
+    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + in->at.parts;
     in->slot = slot;
     in->lane = lane;
     w->search->hand = CR_HAND_LOOKED_UP;
@@ -432,6 +433,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     w->stats->nodes += cr_count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     look_up(w, &world, lanes, &centres);
+    w->search->spent += PARTS_OF_SPHERES;
     for (uint32_t left = lanes; left != 0u;) {
         int i = take_lane(&left);
         float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;

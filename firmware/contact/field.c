@@ -111,7 +111,7 @@ static void use_planes(const cr_field *f, uint32_t index, cr_vec3 p, int lane, c
     }
     uint32_t nearest = 0u;
     cr_vec3 grad;
-    out->planes += kind->count;
+    out->parts += CR_PARTS_OF_MEETING * (2u + kind->count);
     out->phi_m[lane] = sign * cr_convex_distance(normal, height, kind->count, &nearest, &grad);
     out->facet[lane] = kind->facet[nearest];
     out->from_facet |= 1u << lane;
@@ -127,6 +127,7 @@ static inline void use_crease(const cr_field *f, const cr_lanes3 *p, int i, cr_l
     if (phi >= crease_m) {
         return;
     }
+    out->parts += CR_PARTS_OF_CELL;
     const uint32_t kind = cr_field_kind(f, out, i), what = f->scene->kinds[kind].kind;
     if (what != CR_KIND_CONVEX && what != CR_KIND_CONCAVE) {
         return;
@@ -153,16 +154,17 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     const cr_scene *s = f->scene;
     const struct cr_img_meta *m = s->meta;
     const float inv = f->inv_brick, quantum = m->quantum_m, slope = quantum * inv;
-    out->from_facet = out->on_planes = out->planes = 0u;
+    const float ox = m->origin_m[0], oy = m->origin_m[1], oz = m->origin_m[2];
+    const float hx = f->grid_max[0], hy = f->grid_max[1], hz = f->grid_max[2];
+    const int32_t nx = f->dims[0], ny = f->dims[1];
+    out->from_facet = out->on_planes = out->parts = 0u;
     out->bent = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
-        float gx = (p->x[i] - m->origin_m[0]) * inv, gy = (p->y[i] - m->origin_m[1]) * inv;
-        float gz = (p->z[i] - m->origin_m[2]) * inv;
-        float cx = clamp_f(gx, 0.0f, f->grid_max[0]), cy = clamp_f(gy, 0.0f, f->grid_max[1]);
-        float cz = clamp_f(gz, 0.0f, f->grid_max[2]);
+        float gx = (p->x[i] - ox) * inv, gy = (p->y[i] - oy) * inv, gz = (p->z[i] - oz) * inv;
+        float cx = clamp_f(gx, 0.0f, hx), cy = clamp_f(gy, 0.0f, hy), cz = clamp_f(gz, 0.0f, hz);
         int32_t ix = (int32_t)cx, iy = (int32_t)cy, iz = (int32_t)cz;
-        const uint32_t entry = s->top[(iz * f->dims[1] + iy) * f->dims[0] + ix];
+        const uint32_t entry = s->top[(iz * ny + iy) * nx + ix];
         const float ux = cx - (float)ix, uy = cy - (float)iy, uz = cz - (float)iz;
         out->entry[i] = entry;
         out->ux[i] = ux;
@@ -332,7 +334,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     find_places(f, p, out, top, beyond_m);
     lane_sets sets = load_corners(f, top, lanes, out, &c);
     interpolate(f, &c, out);
-    out->from_facet = out->on_planes = out->planes = 0u;
+    out->from_facet = out->on_planes = out->parts = 0u;
     out->bent = 0u;
     if (sets.far != 0u) {
         use_bounds(f, beyond_m, out);

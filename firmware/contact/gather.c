@@ -1,8 +1,9 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* Work, in parts of a unit: of a layer that is added to the zones of one piece, and each of its sides. */
-#define PARTS_OF_LAYER 96u
+/* Work, in parts of a unit: of a layer that is added to the zones of one piece, each of its lanes, and each of its sides. */
+#define PARTS_OF_LAYER 40u
+#define PARTS_OF_LANE 5u
 #define PARTS_OF_SIDE 32u
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
@@ -111,6 +112,7 @@ static void add_one_layer(const cr_scene *s, const xform *pose, cr_contact_set *
     cr_way_layers *l = &set->way.layers;
     for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
         add_layer(s, pose, c, slot, l, k, hit, &set->way);
+        l->parts += PARTS_OF_LANE * cr_count_lanes(l->layers[k].lanes & c->piece_lanes[slot]);
         l->parts += PARTS_OF_LAYER + PARTS_OF_SIDE * (l->layers[k].side == CR_WAY_SIDES ? CR_WAY_SIDES : 1u);
     }
 }

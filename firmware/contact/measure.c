@@ -4,24 +4,27 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
-/* Work, in parts of a unit: a hit that is looked up again, beside planes that meet there; a step, whatever it does; a zone that a hit is asked for, whether
- * it may be deeper, and a pair with another, with their half-spaces; a lane that is told what it is over; a surface that is met, and that is begun, beside
- * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known,
+/* Work, in parts of a unit: a hit that is looked up again, and each lane of it; a step, whatever it does; a zone that a hit is asked for, a
+ * half-space that it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, and that is begun, beside
+ * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; of a cell where planes meet, and of a hit whose planes are known,
  * each of them. */
-#define PARTS_OF_LOOKUP 512u
-#define PARTS_OF_STEP 8u
-#define PARTS_OF_ASKED 6u
+#define PARTS_OF_LOOKUP 64u
+#define PARTS_OF_POINT 20u
+#define PARTS_OF_STEP 10u
+#define PARTS_OF_ASKED 3u
+#define PARTS_OF_DEEPER 2u
 #define PARTS_OF_PAIR 2u
 #define PARTS_OF_TOLD 12u
 #define PARTS_OF_MET 4u
 #define PARTS_OF_SURFACE 8u
 #define PARTS_OF_SHARE 56u
-#define PARTS_OF_FACET 8u
+#define PARTS_OF_FACET 10u
+#define PARTS_OF_MADE 8u
 #define PARTS_OF_PLANE 48u
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
  * half-space that is made, and one more; of its sides, each compared with each; compared with another; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
-#define PARTS_OF_RELATED 32u
+#define PARTS_OF_RELATED 40u
 #define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
 #define PARTS_OF_SIDES 2u
@@ -44,7 +47,7 @@ static int is_passed(const cr_way_survey *s, uint32_t count) {
     cr_way_work *w = s->work;
     const int passed = w->surfaces + count <= w->surfaces_done || cr_way_waits(s);
     w->surfaces += passed ? count : 0u;
-    w->spent += PARTS_OF_MET;
+    w->spent += PARTS_OF_MET + count;
     return passed;
 }
 
@@ -242,12 +245,13 @@ static void share_cells(const cr_way_survey *s, uint32_t lanes) {
         if (its.count == 0u) {
             share_lane(on, CR_WAY_DEEP, i, 1.0f);
         }
-        s->work->spent += PARTS_OF_FACET * its.count;
         for (uint32_t k = 0; k < its.count; k++) {
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
             share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
         }
+        s->work->spent += its.count * (2u * PARTS_OF_FACET + on->count) / 2u;
     }
+    s->work->spent += PARTS_OF_MADE * on->count;
 }
 
 static void tell(const cr_way_survey *s, uint32_t lanes) {
@@ -315,7 +319,7 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
         cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
         cr_way_normals(s->in->world_from_tool, &scratch->look, lanes, &scratch->normal);
-        w->spent += PARTS_OF_LOOKUP + CR_PARTS_OF_MEETING * scratch->look.planes;
+        w->spent += PARTS_OF_LOOKUP + PARTS_OF_POINT * cr_count_lanes(lanes) + scratch->look.parts;
         return 0;
     } else if (w->known == CR_WAY_LOOKED_UP) {
         w->known = CR_WAY_TOLD;
@@ -348,6 +352,7 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
 static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
     for (uint32_t left = halves_of(s, reach); left != 0u;) {
         const cr_way_half *half = &s->half[take_lane(&left)];
+        s->work->spent += PARTS_OF_DEEPER;
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
         if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
             return 1;

@@ -186,12 +186,17 @@ typedef struct {
     float share[CR_WAY_LAYERS_MAX][CR_LANES];
 } cr_way_shares;
 
-/* Of each lane: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the steepest exit is, and
- * whether but one exit can be the first. */
+/* Of each lane, by the rows that were gone through: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the
+ * steepest exit is, and the two least that exits may be anywhere on the piece. */
 typedef struct {
     float middle_m[CR_LANES], most_m[CR_LANES], steep[CR_LANES];
-    uint32_t plain;
+    float first_m[CR_LANES], second_m[CR_LANES];
+    uint32_t row;   /* the next one */
+    uint32_t parts; /* of work, of each */
 } cr_way_ways;
+
+/* How lanes that wait are looked at: all of them by a row of planes at a time, or each by all of its exits. */
+enum { CR_WAY_ROW_BY_ROW, CR_WAY_LANE_BY_LANE };
 
 /* Lanes that wait for all of their exits, one after the other: of which cluster, by what part, for which half-space; those of them that march, and how far they
  * have come, in so many steps. */
@@ -199,6 +204,7 @@ typedef struct {
     const struct cr_img_cluster *c;
     cr_way_half *half;
     float part[CR_LANES], gone_m[CR_LANES];
+    uint32_t looks; /* CR_WAY_ROW_BY_ROW or CR_WAY_LANE_BY_LANE */
     uint32_t marching, steps;
     float most_m;
     cr_way_exits exits; /* of all lanes, where planes alone are: but for their heights above these; none: by the rows */

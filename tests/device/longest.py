@@ -123,6 +123,8 @@ def passed_over(function: Function, loop: Loop) -> list[int]:
 Copy = tuple[str, str]
 """A function as it is run in a stage: stage and name; of library functions the caller too, behind `<`."""
 Sum = dict[int, float]
+Return = tuple[Copy, int, int]
+"""A function, one of its blocks, and which of the calls there."""
 
 
 @dataclass(frozen=True)
@@ -144,9 +146,16 @@ class Programme:
         stages: Mapping[str, str],
         bound: Callable[[NamedLoop, Copy], float],
         per_caller: Sequence[str] = (),
+        resumed: str = "",
+        before: Mapping[str, float] | None = None,
     ) -> None:
-        """stages: of the functions that begin one; bound: how often the body of a loop runs."""
+        """stages: of the functions that begin one; bound: how often the body of a loop runs.
+
+        resumed: a loop at whose head the path begins, where functions up to the root have been called; before: how often
+        places had been come by then, beside these calls.   Errors: BoundError.
+        """
         self.code, self.root, self.stages, self.per_caller = code, root, stages, per_caller
+        self.before = dict(before or {})
         self._loops: dict[str, list[NamedLoop]] = {}
         for loop in code.loops:
             self._loops.setdefault(loop.function, []).append(loop)
@@ -158,7 +167,9 @@ class Programme:
         self.equal: list[tuple[Sum, float]] = []
         self.least: list[tuple[Sum, float]] = []  # sums that are at most a number,
         self.said: list[str] = []  # and what each is
+        self.returns: dict[Return, int] = {}  # where the path may come back to functions that had been called
         self._copy_all()
+        self.begins = self._resume(resumed) if resumed else (self.first, code.functions[root].entry)
         self._flow()
         for copy in self.entries:
             for loop in self._loops.get(self.name_of(copy), ()):
@@ -195,7 +206,51 @@ class Programme:
                 waiting += [self._called(copy, c) for c in block.calls]
         self.first = first
 
+    def _resume(self, name: str) -> tuple[Copy, int]:
+        """The head of a loop. Whoever led to it returns, once, from one of its calls: that it was called is counted too."""
+        heads = [
+            (copy, loop.loop.head)
+            for copy in self.entries
+            for loop in self._loops.get(self.name_of(copy), ())
+            if name in (loop.name, loop.name.rpartition(" #")[0])
+        ]
+        if len(heads) != 1:
+            raise BoundError(f"{name}: {len(heads)} loops to go on from")
+        into: dict[Copy, Sum] = {copy: {} for copy in self.entries}
+        for copy in self.entries:
+            for start, block in self.code.functions[self.name_of(copy)].blocks.items():
+                for n, called in enumerate(block.calls):
+                    column = self.returns[copy, start, n] = self._new()
+                    into[self._called(copy, called)][column] = 1.0
+        for copy, row in into.items():
+            if copy == self.first:
+                continue
+            for (of, _, _), column in self.returns.items():
+                if of == copy and copy != heads[0][0]:
+                    row[column] = row.get(column, 0.0) - 1.0
+            self.equal.append((row, float(copy == heads[0][0])))
+        return heads[0]
+
+    def _returns_in(self, copy: Copy, blocks: Iterable[int]) -> Sum:
+        """Returns to some blocks."""
+        those = set(blocks)
+        return {c: 1.0 for (of, start, _), c in self.returns.items() if of == copy and start in those}
+
+    def _returns_from(self, copy: Copy) -> Sum:
+        """Returns from a function that had been called."""
+        blocks = {of: self.code.functions[self.name_of(of)].blocks for of in self.entries}
+        return {
+            c: 1.0
+            for (of, start, n), c in self.returns.items()
+            if self._called(of, blocks[of][start].calls[n]) == copy
+        }
+
     def _flow(self) -> None:
+        for (copy, start, n), column in self.returns.items():
+            # what the block calls after that is called as well
+            for called in self.code.functions[self.name_of(copy)].blocks[start].calls[n + 1 :]:
+                into = self.entries[self._called(copy, called)]
+                into[column] = into.get(column, 0.0) + 1.0
         for copy in self.entries:
             for start, block in self.code.functions[self.name_of(copy)].blocks.items():
                 for called in block.calls:
@@ -214,13 +269,11 @@ class Programme:
             row: Sum = {column: -1.0}
             for c in into_.get((copy, start), ()):
                 row[c] = row.get(c, 0.0) + 1.0
-            begins = 0.0
             if start == function.entry:
                 for c, n in self.entries[copy].items():
                     row[c] = row.get(c, 0.0) + n
-                begins = -1.0 if copy == self.first else 0.0
-            self.equal.append((row, begins))
-            row = {column: -1.0}
+            self.equal.append((row, -float((copy, start) == self.begins)))
+            row = {column: -1.0} | {c: -1.0 for c in self._returns_in(copy, [start])}
             for c in out.get((copy, start), ()):
                 row[c] = row.get(c, 0.0) + 1.0
             self.equal.append((row, 0.0))
@@ -231,11 +284,11 @@ class Programme:
         for (of, start, after), column in self.edges.items():
             if of == copy and start not in loop.blocks and after in loop.blocks:
                 row[column] = row.get(column, 0.0) + 1.0
+        row |= self._returns_in(copy, loop.blocks)
         if self.code.functions[self.name_of(copy)].entry in loop.blocks:
             for column, n in self.entries[copy].items():
                 row[column] = row.get(column, 0.0) + n
-            return row, 1.0 if copy == self.first else 0.0
-        return row, 0.0
+        return row, float(self.begins[0] == copy and self.begins[1] in loop.blocks)
 
     def _bound(self, copy: Copy, loop: NamedLoop, most: float) -> None:
         runs = most if loop.loop.bottom else most + 1
@@ -269,17 +322,22 @@ class Programme:
             name = self.name_of(copy)
             if kind == "enter" and plain(name) == what:
                 add(self.entries[copy])
+                add(self._returns_from(copy))
                 begun += float(copy == self.first)
             elif kind == "call" and plain(name) == what.partition(" > ")[0]:
                 for start, block in self.code.functions[name].blocks.items():
                     n = sum(plain(c) == what.partition(" > ")[2] for c in block.calls)
                     add({self.blocks[copy, start]: float(n)} if n else {})
+                    for at, c in enumerate(block.calls):
+                        if (copy, start, at) in self.returns and plain(c) == what.partition(" > ")[2]:
+                            add({self.returns[copy, start, at]: 1.0})
             elif kind in ("loop", "into", "lanes"):
                 for loop in self._loops.get(name, ()):
                     if what not in (loop.name, loop.name.rpartition(" #")[0]):
                         continue
                     if kind == "loop":
                         add({self.blocks[copy, loop.loop.head]: 1.0})
+                        add(self._returns_in(copy, loop.loop.blocks))
                     elif kind == "into" and loop.outer == loop.loop:
                         more, one = self.into(copy, loop.loop)
                         add(more)
@@ -325,7 +383,7 @@ class Programme:
         added = 0.0
         for text, n in places.items():
             rows, begun = self.place(text)
-            added += n * begun
+            added += n * (begun + self.before.get(text, 0.0))
             if len(rows) > 1 and (several or n != 1.0):
                 raise BoundError(f"{text}: several blocks: once, and counted once")
             if len(rows) > 1:
@@ -361,12 +419,26 @@ class Programme:
         said = [*self.said, f"{dict(places)} at most {most:g}"]
         return [f"{said[i]}: {found[i]:.1f} too many" for i in np.flatnonzero(found > 1e-3)]
 
+    def never(self) -> list[str]:
+        """Calls that led to where the path begins, but that by its bounds and facts it cannot come back from."""
+        said = []
+        for (copy, start, n), column in self.returns.items():
+            called = self.code.functions[self.name_of(copy)].blocks[start].calls[n]
+            cost = np.zeros(self.columns)
+            cost[column] = -1.0
+            leads = self._solve(cost, [], self.equal, self.columns)[column] > 0.0
+            if leads and not self._solve(cost, self.least, self.equal, self.columns)[column] > 0.0:
+                said.append(f"{plain(self.name_of(copy))} > {plain(called)}")
+        return said
+
     # ------------------------------------------------------------------------------------------------------- longest
 
     def longest(self) -> Longest:
         """The longest path.   Errors: BoundError."""
         cost = np.zeros(self.columns)
         for (copy, start), column in self.blocks.items():
+            cost[column] = len(self.code.functions[self.name_of(copy)].blocks[start].code)
+        for (copy, start, _), column in self.returns.items():
             cost[column] = len(self.code.functions[self.name_of(copy)].blocks[start].code)
 
         x = self._solve(-cost, self.least, self.equal, self.columns)

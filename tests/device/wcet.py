@@ -123,10 +123,18 @@ class Table:
                 units[row["at"]] = units.get(row["at"], 0.0) + constants.value(row["units"])
         return units
 
-    def programme(self, code: Code, root: str, constants: Constants) -> Programme:
-        """Paths of a function, with all that bounds them but the work."""
+    def programme(
+        self,
+        code: Code,
+        root: str,
+        constants: Constants,
+        resumed: str = "",
+        before: Mapping[str, float] | None = None,
+    ) -> Programme:
+        """Paths of a function, with all that bounds them but the work; resumed, before: of Programme."""
         library = {c.partition(" ")[0] for r in self.rows.get("library", ()) for c in r["callers"]}
-        made = Programme(code, root, self.stages, self.bounds(constants), tuple(sorted(library)))
+        bounds, of_caller = self.bounds(constants), tuple(sorted(library))
+        made = Programme(code, root, self.stages, bounds, of_caller, resumed, before)
         for fact in self.rows.get("fact", ()):
             sums = {place: constants.value(n) for place, n in fact["sum"].items()}
             made.at_most(sums, constants.value(fact["most"]))
@@ -165,15 +173,28 @@ CARRIED = 1
 """Parts of a unit that `stats.work` leaves out, and the middle of the tool, which is looked up and not counted."""
 
 
-def steps_of(code: Code, table: Table, constants: Constants) -> dict[str, Longest]:
-    """The longest of each step, whatever it counts."""
+def programmes_of_steps(code: Code, table: Table, constants: Constants) -> dict[str, Programme]:
+    """Of each step, by its name."""
     found = {}
     for row in table.rows["step"]:
-        made = table.programme(code, row["root"], constants)
+        resumed, before = row.get("from", ""), row.get("before", {})
+        made = table.programme(code, row["root"], constants, resumed, before)
         for place, most in row["most"].items():
             made.at_most({place: 1.0}, constants.value(most))
-        found[row["name"]] = made.longest()
+        found[row["name"]] = made
     return found
+
+
+def steps_of(code: Code, table: Table, constants: Constants) -> dict[str, Longest]:
+    """The longest of each step, whatever it counts."""
+    made = programmes_of_steps(code, table, constants)
+    return {name: programme.longest() for name, programme in made.items()}
+
+
+def lost_of(code: Code, table: Table, constants: Constants) -> list[str]:
+    """A line for each way back from where a step goes on that the table leaves none."""
+    made = programmes_of_steps(code, table, constants)
+    return [f"step {name}: no way back from {call}" for name, p in made.items() for call in p.never()]
 
 
 def bound_with(code: Code, table: Table, constants: Constants, work: int) -> Bound:
@@ -343,6 +364,7 @@ def main() -> int:
         measured = measured_ticks(args.quick)
         seen = [] if args.quick else read_poses()
         breaches = [line for f in seen for line in unfit(code, table, constants, f)]
+        breaches += lost_of(code, table, constants)
     except (BoundError, CheckError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
