@@ -163,7 +163,7 @@ static float way_of_lane(const cr_way_scratch *scratch, int i, uint32_t *places)
     exits.count = 0u;
     for (uint32_t k = 0; k < e->count; k++) {
         if (e->leaves[k][i] > NO_PLANE) {
-            exits.normal[exits.count] = e->curved[k] ? lane_of(&scratch->normal, i) : e->normal[k];
+            exits.normal[exits.count] = e->curved[k] ? lane_of(r->normal, i) : e->normal[k];
             exits.height_m[exits.count] = e->height_m[k][i];
             exits.leaves[exits.count++] = e->leaves[k][i];
         }
@@ -233,6 +233,7 @@ static void wait_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t la
     cr_way_scratch *scratch = s->scratch;
     cr_way_rest *r = &scratch->rest;
     r->c = at->c;
+    r->normal = at->normal;
     r->half = half;
     r->most_m = most_m;
     r->marching = marching;

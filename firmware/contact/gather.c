@@ -56,8 +56,9 @@ static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_w
         add_vector(&z->turn_m4, -depth, y * az - w * ay, w * ax - x * az, x * ay - y * ax);
         add_vector(&z->centre_m4, weight, x, y, w);
         if (!flat) {
-            add_vector(&z->normal_m3, weight, l->normal.x[i], l->normal.y[i], l->normal.z[i]);
-            add_vector(&z->above_m4, weight * l->full_m[i], l->normal.x[i], l->normal.y[i], l->normal.z[i]);
+            const cr_vec3 n_m = lane_of(&layer->normal_m, i);
+            add_vector(&z->normal_m3, c->area[i], n_m.x, n_m.y, n_m.z);
+            add_vector(&z->above_m4, c->area[i] * l->full_m[i], n_m.x, n_m.y, n_m.z);
         }
     }
 }

@@ -6,7 +6,7 @@
 
 /* Work, in parts of a unit: a hit that is looked up again, beside planes that meet there; a step, whatever it does; a zone that a hit is asked for, whether
  * it may be deeper, and a pair with another, with their half-spaces; a lane that is told what it is over; a surface that is met, and that is begun, beside
- * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; of a cell where planes meet, and of a hit whose planes are known,
+ * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell; a normal that is turned; of a cell where planes meet, and of a hit whose planes are known,
  * each of them. */
 #define PARTS_OF_LOOKUP 512u
 #define PARTS_OF_STEP 8u
@@ -17,6 +17,7 @@
 #define PARTS_OF_SURFACE 8u
 #define PARTS_OF_SHARE 56u
 #define PARTS_OF_FACET 8u
+#define PARTS_OF_TURNED 3u
 #define PARTS_OF_PLANE 48u
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
  * half-space that is made, and one more; of its sides, each compared with each; compared with another; a pair of half-spaces. */
@@ -143,15 +144,18 @@ static int ends_at_side(const cr_way_survey *s) {
 
 /* Lanes over a curved surface, each by its own plane, for those sides that have a zone and their normals a part of. */
 static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
-                        const cr_lookup *look, const float *share) {
+                        const cr_lanes3 *world, const float *share) {
     float part[CR_LANES];
-    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), look->phi_m};
+    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), s->scratch->look.phi_m};
+    at->normal = &s->scratch->beside;
+    cr_way_normals(s->in->world_from_tool, world->x, world->y, world->z, at->lanes, &s->scratch->beside);
+    s->work->spent += PARTS_OF_TURNED * cr_count_lanes(at->lanes);
     while (sides != 0u && !ends_at_side(s)) {
         const uint32_t side = (uint32_t)take_lane(&sides);
         uint32_t on = 0u;
         s->work->spent += PARTS_OF_SHARE;
         for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
-            const float its = share[i] * cr_way_share(v3(look->gx[i], look->gy[i], look->gz[i]), side);
+            const float its = share[i] * cr_way_share(lane_of(world, i), side);
             part[i] = lower_f(1.0f, its / SIDE_FULL);
             on |= (uint32_t)(its > 0.0f) << i;
         }
@@ -179,22 +183,21 @@ static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, 
 
 /* Lanes that were looked up, on one surface, by their share. */
 static void over_surface(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface,
-                         const cr_lookup *look, const cr_lanes3 *normal, const float *share) {
+                         const cr_lanes3 *world, const float *share) {
     cr_way_spots at;
     const uint32_t sides = begin_surface(s, surface);
     if (sides == 0u) {
         return;
     }
     set_spots(&at, c, lanes, 1u);
-    at.normal = normal;
     if (surface < CR_WAY_CURVED) {
         over_flat(s, &at, surface, share);
     } else {
-        over_curved(s, &at, surface, sides, look, share);
+        over_curved(s, &at, surface, sides, world, share);
     }
 }
 
-static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share) {
+static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share, cr_vec3 n) {
     uint32_t k = 0u;
     while (k < out->count && out->surface[k] != surface) {
         k++;
@@ -207,11 +210,14 @@ static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share)
         out->surface[k] = surface;
         out->lanes[k] = 0u;
         for (int j = 0; j < CR_LANES; j++) {
-            out->share[k][j] = 0.0f;
+            out->share[k][j] = out->normal[k].x[j] = out->normal[k].y[j] = out->normal[k].z[j] = 0.0f;
         }
     }
     out->lanes[k] |= 1u << i;
     out->share[k][i] += share;
+    out->normal[k].x[i] += share * n.x;
+    out->normal[k].y[i] += share * n.y;
+    out->normal[k].z[i] += share * n.z;
 }
 
 /* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
@@ -240,12 +246,12 @@ static void share_cells(const cr_way_survey *s, uint32_t lanes) {
         }
         cr_way_facets_of(f, look, i, lane_of(&s->scratch->world, i), &its);
         if (its.count == 0u) {
-            share_lane(on, CR_WAY_DEEP, i, 1.0f);
+            share_lane(on, CR_WAY_DEEP, i, 1.0f, v3(look->gx[i], look->gy[i], look->gz[i]));
         }
         s->work->spent += PARTS_OF_FACET * its.count;
         for (uint32_t k = 0; k < its.count; k++) {
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
-            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
+            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k], its.normal[k]);
         }
     }
 }
@@ -258,23 +264,28 @@ static void tell(const cr_way_survey *s, uint32_t lanes) {
     s->work->spent += PARTS_OF_TOLD * cr_count_lanes(lanes);
     if (on->common == CR_WAY_NONE) {
         share_cells(s, lanes & ~look->on_planes);
+        return;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        on->normal[0].x[i] = look->gx[i];
+        on->normal[0].y[i] = look->gy[i];
+        on->normal[0].z[i] = look->gz[i];
     }
 }
 
 static void over_looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_planes *cell) {
     const cr_lookup *look = &s->scratch->look;
-    const cr_lanes3 *normal = &s->scratch->normal;
     const cr_way_shares *on = &s->scratch->shares;
     cr_way_work *w = s->work;
     if (on->common != CR_WAY_NONE) {
-        over_surface(s, c, lanes, on->common, look, normal, whole);
+        over_surface(s, c, lanes, on->common, &on->normal[0], whole);
         return;
     }
     if (on->far != 0u) {
         over_nothing(s, c, on->far, look);
     }
     for (uint32_t k = 0; k < on->count; k++) {
-        over_surface(s, c, on->lanes[k], on->surface[k], look, normal, on->share[k]);
+        over_surface(s, c, on->lanes[k], on->surface[k], &on->normal[k], on->share[k]);
     }
     lanes &= look->on_planes;
     while (lanes != 0u) {
@@ -314,7 +325,6 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
         w->known = CR_WAY_LOOKED_UP;
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
         cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
-        cr_way_normals(s->in->world_from_tool, &scratch->look, lanes, &scratch->normal);
         w->spent += PARTS_OF_LOOKUP + CR_PARTS_OF_MEETING * scratch->look.planes;
         return 0;
     } else if (w->known == CR_WAY_LOOKED_UP) {

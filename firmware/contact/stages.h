@@ -193,6 +193,7 @@ typedef struct {
     uint32_t side; /* CR_WAY_SIDES: of all sides, by the mean of the normals */
     uint32_t lanes;
     float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
+    cr_lanes3 normal_m;                          /* depth times static normal, tool frame; of a plane it is not known */
 } cr_way_layer;
 #define CR_WAY_LAYERS_MAX 12u
 
