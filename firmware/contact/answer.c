@@ -2,7 +2,7 @@
 #include "contact/way_out.h"
 
 /* Work, in parts of a unit: a half-space in a sweep, beside pairs of them, so many a part; a pair before the first. */
-#define PARTS_OF_HALF 2u
+#define PARTS_OF_HALF 3u
 #define PAIRS_OF_PART 2u
 #define PARTS_OF_PAIR 2u
 /* Normals that differ by less are one, m/m: a few times the rounding of a turn. Without it a flat wall pushes sideways, by 1.2e-6 N at up to 3 mm:

@@ -28,13 +28,13 @@
  * that bound them there; a lane that is asked for one, twice where it is near another zone, counts, or finds its way through a row of these planes, and half
  * of that to be above it; a plane that is known, one of the half-space, and a row; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
  * lane that marches. */
-#define PARTS_OF_SIDE 20u
+#define PARTS_OF_SIDE 32u
 #define PARTS_OF_ZONE 3u
 #define PARTS_OF_HALF 24u
 #define PARTS_OF_WAYS 32u
 #define PARTS_OF_LANE 4u
 #define PARTS_OF_ROW 6u
-#define PARTS_OF_EXIT 9u
+#define PARTS_OF_EXIT 11u
 #define PARTS_OF_PLACE 20u
 #define PARTS_OF_FIRST 2u
 #define PARTS_OF_MARCH 64u
@@ -87,10 +87,9 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
     }
 }
 
-static void find_reach(const struct cr_img_cluster *c, const cr_lanes3 *normal, uint32_t lanes, const cr_way_rows *e,
-                       uint32_t k, float *reach_m) {
+static void find_reach(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, uint32_t k, float *reach_m) {
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        reach_m[i] = cr_way_half_width(c, i, e->curved[k] ? lane_of(normal, i) : e->normal[k]);
+        reach_m[i] = cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
     }
 }
 
@@ -130,11 +129,10 @@ static void begin_ways(cr_way_ways *w, uint32_t lanes) {
 }
 
 /* Ways through one row of planes: the next of those that bound the lanes. */
-static void find_ways(const struct cr_img_cluster *c, const cr_lanes3 *normal, uint32_t lanes, const cr_way_rows *e,
-                      cr_way_ways *w) {
+static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, cr_way_ways *w) {
     float reach[CR_LANES];
     const uint32_t k = w->row++;
-    find_reach(c, normal, lanes, e, k, reach);
+    find_reach(r, lanes, e, k, reach);
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float leaves = e->leaves[k][i], h = e->height_m[k][i];
         const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
@@ -167,7 +165,7 @@ static float way_of_lane(const cr_way_scratch *scratch, int i, uint32_t *places)
     exits.count = 0u;
     for (uint32_t k = 0; k < e->count; k++) {
         if (e->leaves[k][i] > NO_PLANE) {
-            exits.normal[exits.count] = e->curved[k] ? lane_of(&scratch->normal, i) : e->normal[k];
+            exits.normal[exits.count] = e->curved[k] ? lane_of(r->normal, i) : e->normal[k];
             exits.height_m[exits.count] = e->height_m[k][i];
             exits.leaves[exits.count++] = e->leaves[k][i];
         }
@@ -265,7 +263,7 @@ static void take_row(const cr_way_survey *s) {
         end_ways(s);
         return;
     }
-    find_ways(scratch->rest.c, &scratch->normal, s->work->left, &scratch->rows, &scratch->ways);
+    find_ways(&scratch->rest, s->work->left, &scratch->rows, &scratch->ways);
     s->work->spent += PARTS_OF_ROW + scratch->ways.parts;
 }
 
@@ -323,6 +321,7 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
     }
     s->work->spent += PARTS_OF_HALF + PARTS_OF_ROW * half->bound_count;
     rest->c = at->c;
+    rest->normal = at->normal;
     rest->half = half;
     if (exits_of_planes(at, half, rest)) {
         wait_for(s, lanes, 0u, 0.0f);
@@ -397,7 +396,7 @@ void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, ui
             continue;
         }
         const uint32_t z = cr_way_find(s->zones, key);
-        s->work->spent += s->zones->count;
+        s->work->spent += 1u + s->zones->count;
         if (z != CR_WAY_NONE) {
             s->work->spent += PARTS_OF_ZONE * s->zones->count;
             count_in_zone(s, at, lanes, z, part);

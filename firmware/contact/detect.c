@@ -16,14 +16,14 @@
 /* Work, in lookups of 16 points: to look at a cluster over cells of the image. */
 #define WORK_OF_CELLS 2u
 /* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is
- * woken, that is entered, and whose spheres are looked up; a leaf. */
+ * woken, and that is entered; a leaf; spheres that are looked up, beside their lookup. */
 #define PARTS_OF_STEP 6u
 #define PARTS_OF_AROUND 48u
 #define PARTS_OF_POINTS 176u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
-#define PARTS_OF_SPHERES 40u
+#define PARTS_OF_SPHERES 24u
 #define PARTS_OF_LEAF 1u
 
 /* All spheres wake when the tree is seen next: in free space that costs nothing. */
@@ -83,7 +83,7 @@ typedef struct {
 
 static void look_up(const walk *w, const cr_lanes3 *world, uint32_t lanes, cr_lookup *out) {
     cr_field_look_up_lanes(w->field, world, lanes, out);
-    w->search->spent += CR_WORK_PARTS + out->parts;
+    w->search->spent += CR_WORK_PARTS + PARTS_OF_SPHERES + out->parts;
 }
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
@@ -291,7 +291,8 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
     const uint32_t cut = h->cut & used;
-    w->search->spent += PARTS_OF_POINTS + (PARTS_OF_PLANE + CR_PARTS_OF_CUT * cr_count_lanes(cut)) * p->count;
+    w->search->spent +=
+        PARTS_OF_POINTS + PARTS_OF_PLANE * p->count + CR_PARTS_OF_CUT * cr_count_lanes(cut) * (1u + p->count);
     for (uint32_t left = cut; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;
@@ -433,7 +434,6 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     w->stats->nodes += cr_count_lanes(lanes);
     cr_lanes_to_world(w->pose, g->x, g->y, g->z, &world);
     look_up(w, &world, lanes, &centres);
-    w->search->spent += PARTS_OF_SPHERES;
     for (uint32_t left = lanes; left != 0u;) {
         int i = take_lane(&left);
         float clearance = centres.phi_m[i] - g->radius[i] - g->margin[i] - w->slack_out_m;

@@ -57,8 +57,9 @@ static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_w
         add_vector(&z->turn_m4, -depth, y * az - w * ay, w * ax - x * az, x * ay - y * ax);
         add_vector(&z->centre_m4, weight, x, y, w);
         if (!flat) {
-            add_vector(&z->normal_m3, weight, l->normal.x[i], l->normal.y[i], l->normal.z[i]);
-            add_vector(&z->above_m4, weight * l->full_m[i], l->normal.x[i], l->normal.y[i], l->normal.z[i]);
+            const cr_vec3 n_m = lane_of(&layer->normal_m, i);
+            add_vector(&z->normal_m3, c->area[i], n_m.x, n_m.y, n_m.z);
+            add_vector(&z->above_m4, c->area[i] * l->full_m[i], n_m.x, n_m.y, n_m.z);
         }
     }
 }
@@ -135,16 +136,15 @@ int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, u
     l->parts = 0u;
     if (l->step >= CR_WAY_ADD) {
         add_one_layer(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);
+    } else if (l->step == CR_WAY_FADE) {
+        cr_way_fade(f->scene, set->hits[hit].covered & first_lanes(looked->c->count), l);
+        set->way.reach[hit] = l->reach;
+        l->step = CR_WAY_ADD;
     } else if (l->step == CR_WAY_PLANES) {
         cr_way_over_planes(f->scene, looked->c, l->left, looked->coverage, looked->planes, looked->heights, l);
         l->step = CR_WAY_FADE;
     } else {
         cr_way_over_lookup(f, pose, looked, l);
-    }
-    if (l->step == CR_WAY_FADE) {
-        cr_way_fade(f->scene, set->hits[hit].covered & first_lanes(looked->c->count), l);
-        set->way.reach[hit] = l->reach;
-        l->step = CR_WAY_ADD;
     }
     return l->step >= CR_WAY_ADD && l->step - CR_WAY_ADD == l->count;
 }

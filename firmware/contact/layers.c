@@ -2,24 +2,26 @@
 #include "contact/way_out.h"
 
 /* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
-#define EXPLAINS 0.5f
+#define EXPLAINS 0.45f
 /* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
 #define WIDTH_MIN 0.25f
 
 float cr_way_share(cr_vec3 g, uint32_t side) {
     const float parts[3] = {g.x, g.y, g.z}, length2 = v3_dot(g, g);
     const float along = parts[side >> 1] * ((side & 1u) != 0u ? -1.0f : 1.0f);
-    return along > 0.0f && length2 > 0.0f ? along * along / length2 : 0.0f;
+    /* less than rounding is none: a weight that small has no mean */
+    return along > 0.0f && length2 > 0.0f ? max_f(0.0f, along * along / length2 - 1e-12f) : 0.0f;
 }
 
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
-/* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, twice over several; of each plane that a lane may count for, and
- * two more, or each facet twice; of a facet that it is deep below; of a layer that something counts for; of one that is made; of a cell, and each of its
- * planes; of a lane that may fade, and each layer of it. */
+/* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, thrice over several; of each plane that a lane may count for, and
+ * two more; of a facet that it may count for, and that it is deep below; of a layer that something counts for, beside others, four a part; of one that is made; of a cell, and each of its
+ * planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
+#define PARTS_OF_FACET 30u
 #define PARTS_OF_MADE 24u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_FADED 2u
@@ -29,7 +31,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
     CR_ASSERT(l->count <= CR_WAY_LAYERS_MAX && side <= CR_WAY_SIDES && (surface >= CR_WAY_CURVED || side == 0u));
-    l->parts += PARTS_OF_SHARE;
+    l->parts += PARTS_OF_SHARE + l->count / 4u;
     for (uint32_t k = 0; k < l->count; k++) {
         if (l->layers[k].surface == surface && l->layers[k].side == side) {
             return &l->layers[k];
@@ -47,6 +49,7 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
     made->lanes = 0u;
     for (int i = 0; i < CR_LANES; i++) {
         made->depth_m[i] = made->coverage[i] = 0.0f;
+        made->normal_m.x[i] = made->normal_m.y[i] = made->normal_m.z[i] = 0.0f;
     }
     return made;
 }
@@ -104,6 +107,12 @@ static void add_lane(cr_way_layer *layer, int i, float depth_m, float coverage) 
     layer->lanes |= 1u << i;
     layer->depth_m[i] += depth_m;
     layer->coverage[i] += coverage;
+}
+
+static void add_normal(cr_way_layer *layer, int i, cr_vec3 n, float depth_m) {
+    layer->normal_m.x[i] += depth_m * n.x;
+    layer->normal_m.y[i] += depth_m * n.y;
+    layer->normal_m.z[i] += depth_m * n.z;
 }
 
 static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch, int i, float depth_m,
@@ -186,7 +195,14 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     }
 }
 
-/* In a cell of many facets: those whose plane passes nearest and faces the way the distance grows. */
+/* Normal of one of several facets: its own, and the more the gradient is along it, the more the gradient, which also knows how it bends. */
+static cr_vec3 normal_beside(cr_vec3 facet, cr_vec3 g) {
+    const float along = clamp_f(v3_dot(facet, g), 0.0f, 1.0f);
+    return v3_unit(v3_mad(v3_scale(facet, 1.0f - along), g, along), 1e-3f);
+}
+
+/* In a cell of many facets: those whose plane lies as deep as the distance says. Which way the distance grows does not matter: that turns at once in the middle
+ * of a thin wall, and from sample to sample of the image beside it. */
 static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_vec3 g, float phi_m, cr_vec3 p,
                          cr_way_facets *out) {
     float best = 3.4e38f, total = 0.0f;
@@ -195,7 +211,8 @@ static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_v
         const struct cr_img_facet *plane = &s->facets[kind->facet[k]];
         const cr_vec3 n = v3_from(plane->normal);
         out->facet[k] = kind->facet[k];
-        out->share[k] = abs_f(v3_dot(n, p) - plane->offset_m - phi_m) + (1.0f - v3_dot(n, g)) * s->meta->voxel_m;
+        out->normal[k] = kind->count > 1u ? normal_beside(n, g) : g;
+        out->share[k] = abs_f(v3_dot(n, p) - plane->offset_m - phi_m);
         best = min_f(best, out->share[k]);
     }
     for (uint32_t k = 0; k < kind->count; k++) {
@@ -212,38 +229,42 @@ void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 
     const cr_scene *s = f->scene;
     out->count = 0u;
     if ((at->entry[lane] & CR_TOP_FAR) == 0u) {
-        weigh_facets(s, &s->kinds[cr_field_kind(f, at, lane)], v3(at->gx[lane], at->gy[lane], at->gz[lane]),
-                     at->phi_m[lane], p, out);
+        weigh_facets(s, &s->kinds[cr_field_kind(f, at, lane)],
+                     v3_unit(v3(at->gx[lane], at->gy[lane], at->gz[lane]), 1e-3f), at->phi_m[lane], p, out);
     }
 }
 
-/* A lane inside of a curved surface: to the sides by its normal. */
-static void fill_sides(cr_way_layers *out, uint32_t surface, uint32_t patch, int i, cr_vec3 g_world, float depth_m,
-                       float coverage) {
+/* A lane inside of a curved surface: to the sides by its normal there. */
+static void fill_sides(cr_way_layers *out, const xform *pose, uint32_t surface, uint32_t patch, int i, cr_vec3 n_world,
+                       float depth_m, float coverage) {
+    const cr_vec3 n = xform_unrotate(pose, n_world);
     for (uint32_t side = 0u; side < CR_WAY_SIDES; side++) {
-        const float share = cr_way_share(g_world, side);
-        if (share > 0.0f) {
-            lane_to(out, surface, side, patch, i, depth_m * share, coverage * share);
+        const float share = cr_way_share(n_world, side), deep = depth_m * share;
+        cr_way_layer *layer = deep > 0.0f ? layer_of(out, surface, side, patch) : NULL;
+        if (layer != NULL) {
+            add_lane(layer, i, deep, coverage * share);
+            add_normal(layer, i, n, deep);
         }
     }
 }
 
-/* A looked-up lane: its facets are known, or only the direction of the distance, or nothing. */
-static void fill_looked_up(const cr_field *f, const cr_way_facets *on, int i, cr_vec3 g_world, float depth_m,
-                           float coverage, cr_way_layers *out) {
-    if (on->count == 0u && v3_dot(g_world, g_world) > 0.5f) {
-        fill_sides(out, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth_m, coverage);
-    } else if (on->count == 0u) {
-        lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
-    }
-    out->parts += 2u * PARTS_OF_SHARE * on->count;
-    for (uint32_t k = 0; k < on->count; k++) {
-        const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
-        const float share = on->share[k];
-        if (facet->curved) {
-            fill_sides(out, CR_WAY_CURVED | facet->patch, facet->patch, i, g_world, depth_m * share, coverage * share);
+/* A looked-up lane: its facets are known, or only the direction of the distance, which has sides as a curved surface has, or nothing. */
+static void fill_looked_up(const cr_field *f, const xform *pose, const cr_way_facets *on, int i, cr_vec3 g_world,
+                           float depth_m, float coverage, cr_way_layers *out) {
+    const uint32_t nothing = v3_dot(g_world, g_world) > 0.5f ? CR_WAY_DEEP : CR_WAY_NONE;
+    const uint32_t count = on->count > 0u ? on->count : 1u;
+    out->parts += PARTS_OF_FACET * count;
+    for (uint32_t k = 0; k < count; k++) {
+        const struct cr_img_facet *facet = on->count > 0u ? &f->scene->facets[on->facet[k]] : NULL;
+        const uint32_t patch = facet != NULL ? facet->patch : CR_FACET_NONE;
+        const int curved = facet != NULL ? facet->curved != 0u : nothing == CR_WAY_DEEP;
+        const uint32_t surface = facet == NULL ? nothing : curved ? CR_WAY_CURVED | patch : on->facet[k];
+        const float share = facet != NULL ? on->share[k] : 1.0f;
+        if (curved) {
+            fill_sides(out, pose, surface, patch, i, facet != NULL ? on->normal[k] : g_world, depth_m * share,
+                       coverage * share);
         } else {
-            lane_to(out, on->facet[k], 0u, facet->patch, i, depth_m * share, coverage * share);
+            lane_to(out, surface, 0u, patch, i, depth_m * share, coverage * share);
         }
     }
 }
@@ -287,6 +308,9 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr
         const float in = (float)((lanes >> i) & 1u), near = (float)((out->near >> i) & 1u);
         const float x = n.x - g->x[0], y = n.y - g->y[0], z = n.z - g->z[0];
         layer->depth_m[i] = out->full_m[i] = in * p.depth_m;
+        layer->normal_m.x[i] = layer->depth_m[i] * n.x;
+        layer->normal_m.y[i] = layer->depth_m[i] * n.y;
+        layer->normal_m.z[i] = layer->depth_m[i] * n.z;
         layer->coverage[i] = in * p.share;
         deep = higher_f(deep, near * deepest(c, i, p, at->phi_m[i]));
         apart2 = higher_f(apart2, near * (x * x + y * y + z * z));
@@ -333,10 +357,11 @@ cr_vec3 cr_way_heights(const cr_scene *s, const xform *pose, const struct cr_img
     return n;
 }
 
-void cr_way_normals(const xform *pose, const cr_lookup *at, uint32_t lanes, cr_lanes3 *g) {
+void cr_way_normals(const xform *pose, const float *gx, const float *gy, const float *gz, uint32_t lanes,
+                    cr_lanes3 *g) {
     const xform m = *pose;
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        const float x = at->gx[i], y = at->gy[i], z = at->gz[i], length2 = x * x + y * y + z * z;
+        const float x = gx[i], y = gy[i], z = gz[i], length2 = x * x + y * y + z * z;
         const float per = length2 > 1e-6f ? 1.0f / sqrtf(length2) : 0.0f;
         g->x[i] = (m.r0.x * x + m.r1.x * y + m.r2.x * z) * per;
         g->y[i] = (m.r0.y * x + m.r1.y * y + m.r2.y * z) * per;
@@ -353,7 +378,7 @@ static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_
         const cr_vec3 n = lane_of(&out->normal, i);
         reach_to(&out->reach, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
         const int far = (at->entry[i] & CR_TOP_FAR) != 0u;
-        out->parts += PARTS_OF_SHARE;
+        out->parts += PARTS_OF_LANE;
         const struct cr_img_kind *kind = &s->kinds[far ? 0u : cr_field_kind(f, at, i)];
         out->parts += PARTS_OF_SHARE * kind->count;
         for (uint32_t k = 0; k < kind->count; k++) {
@@ -390,14 +415,14 @@ static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr
 }
 
 /* A lane in a cell whose distances are not from planes. */
-static void fill_over_samples(const cr_field *f, const cr_looked *l, int i, cr_way_layers *out) {
+static void fill_over_samples(const cr_field *f, const xform *pose, const cr_looked *l, int i, cr_way_layers *out) {
     const cr_lookup *at = l->at;
     const part in = part_below(l->c, i, lane_of(&out->normal, i), at->phi_m[i]);
     cr_way_facets on;
     out->full_m[i] = in.depth_m;
     out->parts += 2u * PARTS_OF_LANE;
     cr_way_facets_of(f, at, i, lane_of(l->world, i), &on);
-    fill_looked_up(f, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
+    fill_looked_up(f, pose, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
                    l->coverage[i], out);
 }
 
@@ -405,7 +430,8 @@ static void fill_over_samples(const cr_field *f, const cr_looked *l, int i, cr_w
 static void fill_all(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
     const uint32_t surface = cr_way_common(f, l->at, out->left);
     out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
-    cr_way_normals(pose, l->at, out->near | 1u, &out->normal); /* the first is what others are compared with */
+    cr_way_normals(pose, l->at->gx, l->at->gy, l->at->gz, out->near | 1u,
+                   &out->normal); /* the first is what others are compared with */
     if (surface != CR_WAY_NONE) {
         fill_common(f, pose, l->c, out->left, surface, l->at, &out->normal, out);
         out->left = 0u;
@@ -425,7 +451,7 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const cr_looked *l
         reach_all(f, pose, l->c, out->near & ~l->at->on_planes, l->at, l->world, out);
         out->step = CR_WAY_BESIDE;
     } else {
-        fill_over_samples(f, l, take_lane(&out->left), out);
+        fill_over_samples(f, pose, l, take_lane(&out->left), out);
     }
     out->step = out->left == 0u ? CR_WAY_FADE : out->step;
 }
@@ -439,7 +465,7 @@ static float depth_of_bricks(const struct cr_img_meta *m) {
  * surfaces that they are over to none. */
 void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
     const float most_m = depth_of_bricks(s->meta), voxel_m = s->meta->voxel_m;
-    l->parts += PARTS_OF_FADED * (1u + l->count) * cr_count_lanes(lanes);
+    l->parts += PARTS_OF_FADED * (2u + l->count) * cr_count_lanes(lanes);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         float depth = 0.0f, moved = 0.0f, seen = 0.0f;
@@ -455,6 +481,11 @@ void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
             moved += scale * (1.0f - kept) * layer->depth_m[i];
             seen += (1.0f - kept) * layer->coverage[i];
             layer->depth_m[i] *= scale * kept;
+            if (layer->surface >= CR_WAY_CURVED) {
+                layer->normal_m.x[i] *= scale * kept;
+                layer->normal_m.y[i] *= scale * kept;
+                layer->normal_m.z[i] *= scale * kept;
+            }
             layer->coverage[i] *= kept;
         }
         lane_to(l, CR_WAY_NONE, 0u, CR_FACET_NONE, i, moved, seen);

@@ -4,31 +4,34 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
-/* Work, in parts of a unit: a hit that is looked up again, and each lane of it; a step, whatever it does; a zone that a hit is asked for, a
- * half-space that it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, and that is begun, beside
- * zones that might be of it; a side of it, if it is curved; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; of a cell where planes meet, and of a hit whose planes are known,
- * each of them. */
-#define PARTS_OF_LOOKUP 64u
-#define PARTS_OF_POINT 20u
+/* Work, in parts of a unit: a hit that is looked up again, and each lane of it; a step, whatever it does; a zone that a hit is asked for, a half-space that
+ * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, and that is begun, beside zones that might be of it; a
+ * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a normal that is turned; of
+ * a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more. */
+#define PARTS_OF_LOOKUP 96u
+#define PARTS_OF_POINT 17u
 #define PARTS_OF_STEP 10u
 #define PARTS_OF_ASKED 3u
 #define PARTS_OF_DEEPER 2u
 #define PARTS_OF_PAIR 2u
 #define PARTS_OF_TOLD 12u
 #define PARTS_OF_MET 4u
-#define PARTS_OF_SURFACE 8u
-#define PARTS_OF_SHARE 56u
-#define PARTS_OF_FACET 10u
-#define PARTS_OF_MADE 8u
-#define PARTS_OF_PLANE 48u
+#define PARTS_OF_SURFACE 12u
+#define PARTS_OF_SHARE 5u
+#define PARTS_OF_FACET 18u
+#define PARTS_OF_MADE 16u
+#define PARTS_OF_TURNED 3u
+#define PARTS_OF_PLANE 10u
+#define PARTS_OF_ABOVE 30u
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
- * half-space that is made, and one more; of its sides, each compared with each; compared with another; a pair of half-spaces. */
+ * half-space that is made, and one more; of its sides, each compared with each; compared with another, and once it is known; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
 #define PARTS_OF_RELATED 40u
 #define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
 #define PARTS_OF_SIDES 2u
 #define PARTS_OF_SAME 1u
+#define PARTS_OF_AGREED 2u
 #define PARTS_OF_HALVES 4u
 
 /* Not filled with zeros: there is one for each plane of each hit. */
@@ -74,7 +77,7 @@ static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
         const cr_way_key *k = &s->zones->zones[z].key;
         sides |= (uint32_t)(k->surface == surface) << k->side;
     }
-    w->spent += PARTS_OF_SURFACE + s->zones->count;
+    w->spent += PARTS_OF_SURFACE + s->zones->count / 2u;
     if (sides == 0u) {
         end_surface(s);
     }
@@ -129,7 +132,7 @@ static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, 
     cr_planes *one = &s->scratch->alone;
     const cr_planes *p = cr_way_alone(s->in->field->scene, c, all, one);
     cr_planes_measure(p, c, h);
-    s->work->spent += PARTS_OF_PLANE * p->count;
+    s->work->spent += PARTS_OF_ABOVE * (1u + p->count);
     if (p->sign < 0.0f) {
         behind_walls(s, c, lanes, p, h);
     } else {
@@ -146,15 +149,19 @@ static int ends_at_side(const cr_way_survey *s) {
 
 /* Lanes over a curved surface, each by its own plane, for those sides that have a zone and their normals a part of. */
 static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
-                        const cr_lookup *look, const float *share) {
+                        const cr_lanes3 *world, const float *share) {
     float part[CR_LANES];
-    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), look->phi_m};
+    at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), s->scratch->look.phi_m};
+    at->normal = &s->scratch->beside;
+    cr_way_normals(s->in->world_from_tool, world->x, world->y, world->z, at->lanes, &s->scratch->beside);
+    const uint32_t lanes = cr_count_lanes(at->lanes);
+    s->work->spent += PARTS_OF_TURNED * lanes;
     while (sides != 0u && !ends_at_side(s)) {
         const uint32_t side = (uint32_t)take_lane(&sides);
         uint32_t on = 0u;
-        s->work->spent += PARTS_OF_SHARE;
+        s->work->spent += PARTS_OF_SHARE * (1u + lanes);
         for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
-            const float its = share[i] * cr_way_share(v3(look->gx[i], look->gy[i], look->gz[i]), side);
+            const float its = share[i] * cr_way_share(lane_of(world, i), side);
             part[i] = lower_f(1.0f, its / SIDE_FULL);
             on |= (uint32_t)(its > 0.0f) << i;
         }
@@ -182,22 +189,21 @@ static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, 
 
 /* Lanes that were looked up, on one surface, by their share. */
 static void over_surface(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, uint32_t surface,
-                         const cr_lookup *look, const cr_lanes3 *normal, const float *share) {
+                         const cr_lanes3 *world, const float *share) {
     cr_way_spots at;
     const uint32_t sides = begin_surface(s, surface);
     if (sides == 0u) {
         return;
     }
     set_spots(&at, c, lanes, 1u);
-    at.normal = normal;
     if (surface < CR_WAY_CURVED) {
         over_flat(s, &at, surface, share);
     } else {
-        over_curved(s, &at, surface, sides, look, share);
+        over_curved(s, &at, surface, sides, world, share);
     }
 }
 
-static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share) {
+static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share, cr_vec3 n) {
     uint32_t k = 0u;
     while (k < out->count && out->surface[k] != surface) {
         k++;
@@ -210,11 +216,14 @@ static void share_lane(cr_way_shares *out, uint32_t surface, int i, float share)
         out->surface[k] = surface;
         out->lanes[k] = 0u;
         for (int j = 0; j < CR_LANES; j++) {
-            out->share[k][j] = 0.0f;
+            out->share[k][j] = out->normal[k].x[j] = out->normal[k].y[j] = out->normal[k].z[j] = 0.0f;
         }
     }
     out->lanes[k] |= 1u << i;
     out->share[k][i] += share;
+    out->normal[k].x[i] += share * n.x;
+    out->normal[k].y[i] += share * n.y;
+    out->normal[k].z[i] += share * n.z;
 }
 
 /* Lanes far inside, where no surface is near: what bounds their half-spaces bounds them. */
@@ -243,11 +252,11 @@ static void share_cells(const cr_way_survey *s, uint32_t lanes) {
         }
         cr_way_facets_of(f, look, i, lane_of(&s->scratch->world, i), &its);
         if (its.count == 0u) {
-            share_lane(on, CR_WAY_DEEP, i, 1.0f);
+            share_lane(on, CR_WAY_DEEP, i, 1.0f, v3(look->gx[i], look->gy[i], look->gz[i]));
         }
         for (uint32_t k = 0; k < its.count; k++) {
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
-            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k]);
+            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k], its.normal[k]);
         }
         s->work->spent += its.count * (2u * PARTS_OF_FACET + on->count) / 2u;
     }
@@ -262,23 +271,28 @@ static void tell(const cr_way_survey *s, uint32_t lanes) {
     s->work->spent += PARTS_OF_TOLD * cr_count_lanes(lanes);
     if (on->common == CR_WAY_NONE) {
         share_cells(s, lanes & ~look->on_planes);
+        return;
+    }
+    for (int i = 0; i < CR_LANES; i++) {
+        on->normal[0].x[i] = look->gx[i];
+        on->normal[0].y[i] = look->gy[i];
+        on->normal[0].z[i] = look->gz[i];
     }
 }
 
 static void over_looked_up(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, cr_planes *cell) {
     const cr_lookup *look = &s->scratch->look;
-    const cr_lanes3 *normal = &s->scratch->normal;
     const cr_way_shares *on = &s->scratch->shares;
     cr_way_work *w = s->work;
     if (on->common != CR_WAY_NONE) {
-        over_surface(s, c, lanes, on->common, look, normal, whole);
+        over_surface(s, c, lanes, on->common, &on->normal[0], whole);
         return;
     }
     if (on->far != 0u) {
         over_nothing(s, c, on->far, look);
     }
     for (uint32_t k = 0; k < on->count; k++) {
-        over_surface(s, c, on->lanes[k], on->surface[k], look, normal, on->share[k]);
+        over_surface(s, c, on->lanes[k], on->surface[k], &on->normal[k], on->share[k]);
     }
     lanes &= look->on_planes;
     while (lanes != 0u) {
@@ -318,7 +332,6 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
         w->known = CR_WAY_LOOKED_UP;
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
         cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
-        cr_way_normals(s->in->world_from_tool, &scratch->look, lanes, &scratch->normal);
         w->spent += PARTS_OF_LOOKUP + PARTS_OF_POINT * cr_count_lanes(lanes) + scratch->look.parts;
         return 0;
     } else if (w->known == CR_WAY_LOOKED_UP) {
@@ -425,7 +438,7 @@ static uint32_t take_half(const cr_way_zones *zones, cr_way_work *w, uint32_t st
     const cr_way_relations *r = &w->relations;
     const uint32_t pass = step / r->half_count, h = step % r->half_count;
     if (pass == AGREE) {
-        return PARTS_OF_TAKEN + PARTS_OF_SAME * zones->count * cr_way_agree(zones, r, h, w->half);
+        return PARTS_OF_TAKEN + PARTS_OF_AGREED * zones->count * cr_way_agree(zones, r, h, w->half);
     }
     cr_way_share_arm(r->half_count, h, w->half);
     return PARTS_OF_TAKEN + PARTS_OF_HALVES * r->half_count;

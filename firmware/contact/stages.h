@@ -15,8 +15,8 @@
 /* Parts of a unit: of a lane that is looked up beside a crease, its cell, and where planes meet, each of them, and two more; of a lane that planes cut, or where they are
  * turned for one, each of them. */
 #define CR_PARTS_OF_CELL 6u
-#define CR_PARTS_OF_MEETING 8u
-#define CR_PARTS_OF_CUT 16u
+#define CR_PARTS_OF_MEETING 9u
+#define CR_PARTS_OF_CUT 12u
 
 /* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */
 typedef struct {
@@ -195,6 +195,7 @@ typedef struct {
     uint32_t side; /* CR_WAY_SIDES: of all sides, by the mean of the normals */
     uint32_t lanes;
     float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
+    cr_lanes3 normal_m;                          /* depth times static normal, tool frame; of a plane it is not known */
 } cr_way_layer;
 #define CR_WAY_LAYERS_MAX 12u
 

@@ -25,6 +25,8 @@ typedef struct {
     uint32_t count;
     uint32_t facet[CR_KIND_FACETS_MAX];
     float share[CR_KIND_FACETS_MAX];
+    cr_vec3 normal
+        [CR_KIND_FACETS_MAX]; /* at the lane, world frame: the facet's own, as far as the gradient tells no better */
 } cr_way_facets;
 
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
@@ -57,8 +59,10 @@ float cr_way_plane(const cr_scene *scene, const xform *world_from_tool, uint32_t
 cr_vec3 cr_way_heights(const cr_scene *scene, const xform *world_from_tool, const struct cr_img_cluster *cluster,
                        uint32_t facet, float *height_m);
 
-/* Purpose  unit gradients in the tool frame, zero where there is none.   Output  of these lanes; the others hold anything. */
-void cr_way_normals(const xform *world_from_tool, const cr_lookup *at, uint32_t lanes, cr_lanes3 *out);
+/* Purpose  directions x, y, z of the world as unit vectors in the tool frame, zero where there is none.   Shapes  x, y, z: [CR_LANES].
+ * Output   of these lanes; the others hold anything. */
+void cr_way_normals(const xform *world_from_tool, const float *x, const float *y, const float *z, uint32_t lanes,
+                    cr_lanes3 *out);
 
 /* Purpose  the one of some planes that matters for a cluster, or all of them. */
 const cr_planes *cr_way_alone(const cr_scene *scene, const struct cr_img_cluster *cluster, const cr_planes *planes,
@@ -184,6 +188,7 @@ typedef struct {
     uint32_t count;
     uint32_t surface[CR_WAY_LAYERS_MAX], lanes[CR_WAY_LAYERS_MAX];
     float share[CR_WAY_LAYERS_MAX][CR_LANES];
+    cr_lanes3 normal[CR_WAY_LAYERS_MAX]; /* share times normal at each lane, world frame */
 } cr_way_shares;
 
 /* Of each lane, by the rows that were gone through: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the
@@ -203,6 +208,7 @@ enum { CR_WAY_ROW_BY_ROW, CR_WAY_LANE_BY_LANE };
 typedef struct {
     const struct cr_img_cluster *c;
     cr_way_half *half;
+    const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
     float part[CR_LANES], gone_m[CR_LANES];
     uint32_t looks; /* CR_WAY_ROW_BY_ROW or CR_WAY_LANE_BY_LANE */
     uint32_t marching, steps;
@@ -213,7 +219,7 @@ typedef struct {
 
 /* What is measured of the cluster in hand: in the world's memory, so that the stack stays small. */
 typedef struct {
-    cr_lanes3 world, normal, march_from, march_world;
+    cr_lanes3 world, beside, march_from, march_world; /* beside: static normals, of the curved surface in hand */
     cr_lookup look, march;
     cr_planes alone;
     cr_heights heights;
