@@ -16,7 +16,7 @@
 #define PARTS_OF_MET 4u
 #define PARTS_OF_SURFACE 8u
 #define PARTS_OF_SHARE 56u
-#define PARTS_OF_FACET 8u
+#define PARTS_OF_FACET 14u
 #define PARTS_OF_TURNED 3u
 #define PARTS_OF_PLANE 48u
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
