@@ -248,23 +248,23 @@ static void fill_sides(cr_way_layers *out, const xform *pose, uint32_t surface, 
     }
 }
 
-/* A looked-up lane: its facets are known, or only the direction of the distance, which has sides as a curved surface has, or nothing. */
+/* A looked-up lane: its facets are known, or only the direction of the distance, or nothing. */
 static void fill_looked_up(const cr_field *f, const xform *pose, const cr_way_facets *on, int i, cr_vec3 g_world,
                            float depth_m, float coverage, cr_way_layers *out) {
-    const uint32_t nothing = v3_dot(g_world, g_world) > 0.5f ? CR_WAY_DEEP : CR_WAY_NONE;
-    const uint32_t count = on->count > 0u ? on->count : 1u;
-    out->parts += PARTS_OF_FACET * count;
-    for (uint32_t k = 0; k < count; k++) {
-        const struct cr_img_facet *facet = on->count > 0u ? &f->scene->facets[on->facet[k]] : NULL;
-        const uint32_t patch = facet != NULL ? facet->patch : CR_FACET_NONE;
-        const int curved = facet != NULL ? facet->curved != 0u : nothing == CR_WAY_DEEP;
-        const uint32_t surface = facet == NULL ? nothing : curved ? CR_WAY_CURVED | patch : on->facet[k];
-        const float share = facet != NULL ? on->share[k] : 1.0f;
-        if (curved) {
-            fill_sides(out, pose, surface, patch, i, facet != NULL ? on->normal[k] : g_world, depth_m * share,
+    if (on->count == 0u && v3_dot(g_world, g_world) > 0.5f) {
+        fill_sides(out, pose, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth_m, coverage);
+    } else if (on->count == 0u) {
+        lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
+    }
+    out->parts += PARTS_OF_FACET * on->count;
+    for (uint32_t k = 0; k < on->count; k++) {
+        const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
+        const float share = on->share[k];
+        if (facet->curved) {
+            fill_sides(out, pose, CR_WAY_CURVED | facet->patch, facet->patch, i, on->normal[k], depth_m * share,
                        coverage * share);
         } else {
-            lane_to(out, surface, 0u, patch, i, depth_m * share, coverage * share);
+            lane_to(out, on->facet[k], 0u, facet->patch, i, depth_m * share, coverage * share);
         }
     }
 }

@@ -25,8 +25,7 @@ typedef struct {
     uint32_t count;
     uint32_t facet[CR_KIND_FACETS_MAX];
     float share[CR_KIND_FACETS_MAX];
-    cr_vec3 normal
-        [CR_KIND_FACETS_MAX]; /* at the lane, world frame: the facet's own, as far as the gradient tells no better */
+    cr_vec3 normal[CR_KIND_FACETS_MAX]; /* world frame, unit: the facet's, or the gradient, which knows how it bends */
 } cr_way_facets;
 
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
