@@ -45,7 +45,7 @@ WEIGHTS = {
     ("PARTS_OF_RELATED", "measure.c"): Weight("relate", "", 0.49),
     ("PARTS_OF_LED", "measure.c"): Weight("lead", "", 0.21),
     ("PARTS_OF_SWEEP", "measure.c"): Weight("join", "", 0.68),
-    ("PARTS_OF_SAME", "measure.c"): Weight("agree", "", 0.67),
+    ("PARTS_OF_AGREED", "measure.c"): Weight("agree", "", 0.39),
     ("PARTS_OF_HALVES", "measure.c"): Weight("share", "", 0.44),
     ("PAIRS_OF_PART", "answer.c"): Weight("answer_resolved", "answer_of_none", 1.12),
     ("PARTS_OF_LANE", "depth_along.c"): Weight("count_lanes", "count_known", 0.53),
