@@ -23,10 +23,10 @@
 /* Less than any cosine: no plane of this lane. */
 #define NO_PLANE (-2.0f)
 
-/* Work, in parts of a unit: a side of a surface; zones that are searched for that of its lanes, a part each; those that the lanes of a zone may be
- * related to; a half-space that they may count for, and again where they do; planes
- * that bound them there; a lane that is asked for one, twice where it is near another zone, counts, or finds its way through a row of these planes, and half
- * of that to be above it; a plane that is known, one of the half-space, and a row; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
+/* Work, in parts of a unit: a side of a surface; a zone that its lanes may be related to, beside one part for each that is searched for theirs; a half-space
+ * that they may count for, and again where they do; there the rows of planes that bound them; a lane of a side, one that is asked for a half-space, and twice
+ * where it is near another zone, finds its way through a row, or through all, and half of it to be above a row; a plane that is known, one of the half-space,
+ * and a row that is gone through; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
  * lane that marches. */
 #define PARTS_OF_SIDE 32u
 #define PARTS_OF_ZONE 3u
@@ -119,13 +119,13 @@ static uint32_t find_longer(const cr_way_spots *at, uint32_t lanes, const float 
 }
 
 /* No row is known yet. */
-static void begin_ways(cr_way_ways *w, uint32_t lanes) {
+static void begin_ways(cr_way_ways *w, uint32_t lane_count) {
     for (int i = 0; i < CR_LANES; i++) {
         w->middle_m[i] = w->most_m[i] = w->first_m[i] = w->second_m[i] = NEVER_M;
         w->steep[i] = 0.0f;
     }
     w->row = 0u;
-    w->parts = 2u * PARTS_OF_LANE * lanes;
+    w->parts = 2u * PARTS_OF_LANE * lane_count;
 }
 
 /* Ways through one row of planes: the next of those that bound the lanes. */

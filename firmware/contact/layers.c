@@ -17,8 +17,8 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
 /* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, thrice over several; of each plane that a lane may count for, and
- * two more; of a facet that it may count for, and that it is deep below; of a layer that something counts for, beside others, four a part; of one that is made; of a cell, and each of its
- * planes; of each layer of a lane that may fade, and two more. */
+ * two more, a facet that it is deep below, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for; of a layer
+ * that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
 #define PARTS_OF_FACET 30u

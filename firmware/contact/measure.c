@@ -6,8 +6,8 @@
 
 /* Work, in parts of a unit: a hit that is looked up again, and each lane of it; a step, whatever it does; a zone that a hit is asked for, a half-space that
  * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, and that is begun, beside zones that might be of it; a
- * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a normal that is turned; of
- * a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more. */
+ * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a
+ * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more. */
 #define PARTS_OF_LOOKUP 96u
 #define PARTS_OF_POINT 17u
 #define PARTS_OF_STEP 10u

@@ -302,8 +302,8 @@ static inline int cr_way_waits(const cr_way_survey *s) {
  * Shapes   part[CR_LANES].   Output  depth_m of the half-spaces; at->deep_m; what it costs in work->spent. */
 void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part);
 
-/* Purpose  lanes that wait: steps of their march, and then all exits of each.   Output  depth_m of the half-space; work->left: those that wait still.
- * Cost  as cr_way_measure; ends with a step of a march, or a lane. */
+/* Purpose  lanes that wait: by rows of planes, by steps of their march, and then each by all of its exits.
+ * Output  depth_m of the half-space; work->left: those that wait still.   Cost  as cr_way_measure; ends with a row, a step of a march, or a lane. */
 void cr_way_go_on(const cr_way_survey *s);
 
 /* Purpose  begin an answer. */

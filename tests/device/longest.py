@@ -151,8 +151,8 @@ class Programme:
     ) -> None:
         """stages: of the functions that begin one; bound: how often the body of a loop runs.
 
-        resumed: a loop at whose head the path begins, where functions up to the root have been called; before: how often
-        places had been come by then, beside these calls.   Errors: BoundError.
+        resumed: a loop at whose head the path begins, where functions up to the root have been called; before: how
+        often places had been come by then, beside these calls.   Errors: BoundError.
         """
         self.code, self.root, self.stages, self.per_caller = code, root, stages, per_caller
         self.before = dict(before or {})
@@ -167,7 +167,8 @@ class Programme:
         self.equal: list[tuple[Sum, float]] = []
         self.least: list[tuple[Sum, float]] = []  # sums that are at most a number,
         self.said: list[str] = []  # and what each is
-        self.returns: dict[Return, int] = {}  # where the path may come back to functions that had been called
+        # where the path may come back to functions that had been called
+        self.returns: dict[Return, int] = {}
         self._copy_all()
         self.begins = self._resume(resumed) if resumed else (self.first, code.functions[root].entry)
         self._flow()
@@ -207,7 +208,7 @@ class Programme:
         self.first = first
 
     def _resume(self, name: str) -> tuple[Copy, int]:
-        """The head of a loop. Whoever led to it returns, once, from one of its calls: that it was called is counted too."""
+        """The head of a loop. Whoever led to it returns once, from one of its calls; that it was called counts too."""
         heads = [
             (copy, loop.loop.head)
             for copy in self.entries
@@ -234,7 +235,8 @@ class Programme:
     def _returns_in(self, copy: Copy, blocks: Iterable[int]) -> Sum:
         """Returns to some blocks."""
         those = set(blocks)
-        return {c: 1.0 for (of, start, _), c in self.returns.items() if of == copy and start in those}
+        found = [c for (of, start, _), c in self.returns.items() if of == copy and start in those]
+        return dict.fromkeys(found, 1.0)
 
     def _returns_from(self, copy: Copy) -> Sum:
         """Returns from a function that had been called."""
@@ -270,13 +272,13 @@ class Programme:
             for c in into_.get((copy, start), ()):
                 row[c] = row.get(c, 0.0) + 1.0
             if start == function.entry:
-                for c, n in self.entries[copy].items():
-                    row[c] = row.get(c, 0.0) + n
+                for c, times in self.entries[copy].items():
+                    row[c] = row.get(c, 0.0) + times
             self.equal.append((row, -float((copy, start) == self.begins)))
-            row = {column: -1.0} | {c: -1.0 for c in self._returns_in(copy, [start])}
+            leaves: Sum = dict.fromkeys([column, *self._returns_in(copy, [start])], -1.0)
             for c in out.get((copy, start), ()):
-                row[c] = row.get(c, 0.0) + 1.0
-            self.equal.append((row, 0.0))
+                leaves[c] = leaves.get(c, 0.0) + 1.0
+            self.equal.append((leaves, 0.0))
 
     def into(self, copy: Copy, loop: Loop) -> tuple[Sum, float]:
         """How often a loop is reached: a sum and a number."""
@@ -329,8 +331,9 @@ class Programme:
                     n = sum(plain(c) == what.partition(" > ")[2] for c in block.calls)
                     add({self.blocks[copy, start]: float(n)} if n else {})
                     for at, c in enumerate(block.calls):
-                        if (copy, start, at) in self.returns and plain(c) == what.partition(" > ")[2]:
-                            add({self.returns[copy, start, at]: 1.0})
+                        column = self.returns.get((copy, start, at))
+                        if column is not None and plain(c) == what.partition(" > ")[2]:
+                            add({column: 1.0})
             elif kind in ("loop", "into", "lanes"):
                 for loop in self._loops.get(name, ()):
                     if what not in (loop.name, loop.name.rpartition(" #")[0]):

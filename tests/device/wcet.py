@@ -194,7 +194,8 @@ def steps_of(code: Code, table: Table, constants: Constants) -> dict[str, Longes
 def lost_of(code: Code, table: Table, constants: Constants) -> list[str]:
     """A line for each way back from where a step goes on that the table leaves none."""
     made = programmes_of_steps(code, table, constants)
-    return [f"step {name}: no way back from {call}" for name, p in made.items() for call in p.never()]
+    lost = [(name, call) for name, programme in made.items() for call in programme.never()]
+    return [f"step {name}: no way back from {call}" for name, call in lost]
 
 
 def bound_with(code: Code, table: Table, constants: Constants, work: int) -> Bound:
