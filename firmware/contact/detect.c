@@ -291,8 +291,7 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
     const uint32_t cut = h->cut & used;
-    w->search->spent +=
-        PARTS_OF_POINTS + PARTS_OF_PLANE * p->count + CR_PARTS_OF_CUT * cr_count_lanes(cut) * (1u + p->count);
+    w->search->spent += PARTS_OF_POINTS + (PARTS_OF_PLANE + 2u * CR_PARTS_OF_CUT * cr_count_lanes(cut)) * p->count;
     for (uint32_t left = cut; left != 0u;) {
         const int i = take_lane(&left);
         float phi_m;

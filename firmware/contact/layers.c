@@ -17,11 +17,12 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
 /* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, thrice over several; of each plane that a lane may count for, and
- * two more, a facet that it is deep below, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for; of a layer
- * that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
+ * two more, a facet that it is deep below, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for, and of its
+ * sides, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
-#define PARTS_OF_FACET 30u
+#define PARTS_OF_FACET 12u
+#define PARTS_OF_SIDES 12u
 #define PARTS_OF_MADE 24u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_FADED 2u
@@ -238,6 +239,7 @@ void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 
 static void fill_sides(cr_way_layers *out, const xform *pose, uint32_t surface, uint32_t patch, int i, cr_vec3 n_world,
                        float depth_m, float coverage) {
     const cr_vec3 n = xform_unrotate(pose, n_world);
+    out->parts += PARTS_OF_SIDES;
     for (uint32_t side = 0u; side < CR_WAY_SIDES; side++) {
         const float share = cr_way_share(n_world, side), deep = depth_m * share;
         cr_way_layer *layer = deep > 0.0f ? layer_of(out, surface, side, patch) : NULL;

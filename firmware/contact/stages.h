@@ -13,7 +13,7 @@
 /* Work is counted in lookups of 16 points, not beside a crease, and summed in parts of one. */
 #define CR_WORK_PARTS 256u
 /* Parts of a unit: of a lane that is looked up beside a crease, its cell, and where planes meet, each of them, and two more; of a lane that planes cut, or where
- * they are turned for one, each of them. */
+ * they are turned for one, each of them; twice where they are those of the cluster. */
 #define CR_PARTS_OF_CELL 6u
 #define CR_PARTS_OF_MEETING 9u
 #define CR_PARTS_OF_CUT 12u
