@@ -16,17 +16,27 @@ uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     return CR_WAY_NONE;
 }
 
-static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *zones, cr_way_key key, uint32_t patch) {
+/* Room for one more zone of this weight: where there is none, that of the lightest. Null when none is lighter. */
+static cr_way_zone *room_for(cr_way_zones *zones, float weight_m3) {
+    if (zones->count < CR_WAY_ZONES_MAX) {
+        return &zones->zones[zones->count++];
+    }
+    cr_way_zone *least = &zones->zones[0];
+    for (uint32_t z = 1; z < CR_WAY_ZONES_MAX; z++) {
+        least = zones->zones[z].weight_m3 < least->weight_m3 ? &zones->zones[z] : least;
+    }
+    zones->dropped++;
+    return least->weight_m3 < weight_m3 ? least : NULL;
+}
+
+static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *zones, cr_way_key key, uint32_t patch,
+                            float weight_m3) {
     static const cr_way_zone none = {0};
     const uint32_t found = cr_way_find(zones, key);
-    if (found != CR_WAY_NONE) {
-        return &zones->zones[found];
+    cr_way_zone *z = found != CR_WAY_NONE ? &zones->zones[found] : room_for(zones, weight_m3);
+    if (found != CR_WAY_NONE || z == NULL) {
+        return z;
     }
-    if (zones->count == CR_WAY_ZONES_MAX) {
-        zones->dropped++;
-        return NULL;
-    }
-    cr_way_zone *z = &zones->zones[zones->count++];
     *z = none;
     z->key = key;
     z->patch = patch;
@@ -78,19 +88,32 @@ static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32
     z->above_m4 = v3_mad(z->above_m4, more->above_m4, part);
 }
 
+/* Lanes over a plane of a round surface: what they know of it. */
+static void turn_round(const cr_scene *s, const xform *pose, uint32_t facet, cr_way_zone *z) {
+    cr_vec3 n;
+    const float offset_m = cr_way_plane(s, pose, facet, &n);
+    z->normal_m3 = v3_scale(n, z->weight_m3);
+    z->above_m4 = v3_scale(n, -(v3_dot(n, z->centre_m4) + offset_m * z->weight_m3));
+}
+
 /* The lanes of a layer that belong to one piece of the tool. */
 static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot,
                       const cr_way_layers *l, uint32_t k, uint32_t hit, cr_way_zones *zones) {
     const cr_way_layer *layer = &l->layers[k];
     cr_way_zone sums;
     sum_lanes(c, layer->lanes & c->piece_lanes[slot], l, layer, &sums);
-    const int sided = layer->side == CR_WAY_SIDES;
+    const uint32_t felt = cr_way_felt(s, layer->surface);
+    const int sided = layer->side == CR_WAY_SIDES || felt != layer->surface;
+    if (felt != layer->surface) {
+        turn_round(s, pose, layer->surface, &sums);
+    }
     const cr_vec3 mean = sided ? xform_rotate(pose, sums.normal_m3) : v3(0.0f, 0.0f, 0.0f);
     for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
         const float part = sided ? cr_way_share(mean, side) : 1.0f;
-        const cr_way_key key = {layer->surface, side, c->piece[slot]};
+        const cr_way_key key = {felt, side, c->piece[slot]};
         /* not a number is kept: it is a fault in the end */
-        cr_way_zone *z = part * sums.weight_m3 <= 0.0f ? NULL : zone_at(s, pose, zones, key, layer->patch);
+        const float weight_m3 = part * sums.weight_m3;
+        cr_way_zone *z = weight_m3 <= 0.0f ? NULL : zone_at(s, pose, zones, key, layer->patch, weight_m3);
         if (z != NULL) {
             CR_ASSERT(z < &zones->zones[zones->count] && z->key.piece == c->piece[slot] && z->patch == layer->patch);
             add_part(z, &sums, part, hit);

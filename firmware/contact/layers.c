@@ -196,12 +196,6 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
     }
 }
 
-/* Normal of one of several facets: its own, and the more the gradient is along it, the more the gradient, which also knows how it bends. */
-static cr_vec3 normal_beside(cr_vec3 facet, cr_vec3 g) {
-    const float along = clamp_f(v3_dot(facet, g), 0.0f, 1.0f);
-    return v3_unit(v3_mad(v3_scale(facet, 1.0f - along), g, along), 1e-3f);
-}
-
 /* In a cell of many facets: those whose plane lies as deep as the distance says. Which way the distance grows does not matter: that turns at once in the middle
  * of a thin wall, and from sample to sample of the image beside it. */
 static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_vec3 g, float phi_m, cr_vec3 p,
@@ -212,7 +206,7 @@ static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, cr_v
         const struct cr_img_facet *plane = &s->facets[kind->facet[k]];
         const cr_vec3 n = v3_from(plane->normal);
         out->facet[k] = kind->facet[k];
-        out->normal[k] = kind->count > 1u ? normal_beside(n, g) : g;
+        out->normal[k] = kind->count > 1u ? n : g;
         out->share[k] = abs_f(v3_dot(n, p) - plane->offset_m - phi_m);
         best = min_f(best, out->share[k]);
     }
@@ -262,7 +256,7 @@ static void fill_looked_up(const cr_field *f, const xform *pose, const cr_way_fa
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
-        if (facet->curved) {
+        if (facet->curved == CR_FACET_CURVED) {
             fill_sides(out, pose, CR_WAY_CURVED | facet->patch, facet->patch, i, on->normal[k], depth_m * share,
                        coverage * share);
         } else {
@@ -290,7 +284,7 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
             return CR_WAY_NONE;
         }
         const struct cr_img_facet *facet = &f->scene->facets[kind->facet[0]];
-        const uint32_t surface = facet->curved ? CR_WAY_CURVED | facet->patch : kind->facet[0];
+        const uint32_t surface = facet->curved == CR_FACET_CURVED ? CR_WAY_CURVED | facet->patch : kind->facet[0];
         if (common != CR_WAY_NONE && surface != common) {
             return CR_WAY_NONE;
         }
@@ -387,7 +381,7 @@ static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_
             const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
             const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
             const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
-            if (facet->curved == 0u && height < 0.0f) {
+            if (facet->curved != CR_FACET_CURVED && height < 0.0f) {
                 reach_to(&out->reach, m_tool, cr_way_half_width(c, i, m_tool) - height);
             }
         }

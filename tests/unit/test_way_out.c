@@ -1,5 +1,6 @@
 /* The response way_out: what it pushes with leads out, and just out, at walls, edges and corners, for tools of any number of pieces. */
 #include "contact/way_out.h"
+#include "contact/world.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -309,6 +310,46 @@ static void zones_beyond_their_room_are_counted(void **state) {
     crt_close(&rig);
 }
 
+/* Where there is no room the lightest zone gives way, but not to one that is lighter still. */
+static void the_lightest_zone_gives_way(void **state) {
+    (void)state;
+    static cr_contact_set set;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    cr_planes wall = {.kind = 1u, .count = 1u, .sign = 1.0f, .normal_tool = {{0.0f, 0.0f, 1.0f}}};
+    const float coverage[CR_LANES] = {1.0f}, weights_m3[] = {1.0f, 1e-30f};
+    const uint32_t lightest = 7u;
+    const xform at = xform_from_pose(&(cr_pose){{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}});
+    crt_rig rig;
+    cr_heights h;
+    open_cube(&rig, &block);
+    const struct cr_img_cluster *c = rig.scene.clusters;
+    wall.offset_m[0] = -1e-3f - c->z[0]; /* the first sample is 1 mm deep */
+    cr_planes_measure(&wall, c, &h);
+    for (int kept = 0; kept < 2; kept++) {
+        cr_looked looked = {.c = c, .planes = &wall, .heights = &h, .coverage = coverage, .covered = 1u};
+        memset(&set, 0, sizeof set);
+        set.hit_count = 1u;
+        set.hits[0].covered = 1u;
+        set.way.count = CR_WAY_ZONES_MAX;
+        for (uint32_t z = 0; z < CR_WAY_ZONES_MAX; z++) {
+            set.way.zones[z].key = (cr_way_key){CR_WAY_CURVED | z, 0u, 0u};
+            set.way.zones[z].weight_m3 = z == lightest && kept == 0 ? weights_m3[1] : weights_m3[0];
+        }
+        cr_way_add(&set, 0u, &looked);
+        while (!cr_way_add_more(&rig.field, &at, &set, 0u, &looked)) {
+        }
+        assert_int_equal(set.way.dropped, 1);
+        assert_int_equal(set.way.count, CR_WAY_ZONES_MAX);
+        for (uint32_t z = 0; z < CR_WAY_ZONES_MAX; z++) {
+            const int gone = z == lightest && kept == 0;
+            assert_int_equal(set.way.zones[z].key.surface, gone ? wall.facet[0] : CR_WAY_CURVED | z);
+            assert_true(gone ? set.way.zones[z].weight_m3 > 1e-12f : set.way.zones[z].weight_m3 == 1.0f);
+        }
+        assert_int_equal(set.way.reach[0].zones, kept == 0 ? 1u << lightest : 0u);
+    }
+    crt_close(&rig);
+}
+
 /* Facets that stand for curved surfaces, in cells of several, and bricks that know no surface: by sides of the distance's direction. */
 static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
     (void)state;
@@ -333,6 +374,38 @@ static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
             const cr_output out = tick(&rig, &flat);
             assert_true(fabs((double)out.force_world_N.z - 1.0) < 0.1);
         }
+        crt_close(&rig);
+    }
+}
+
+/* Planes of round surfaces have zones by sides, and push as the planes that they are. */
+static void planes_of_round_surfaces_answer_by_sides(void **state) {
+    (void)state;
+    const crt_solid solids[] = {crt_box(-12e-3, 12e-3, 12e-3, -12e-3, 12e-3),
+                                crt_room(-30e-3, 20e-3, 30e-3, -30e-3, 20e-3)};
+    const cr_pose poses[] = {crt_pose(0.0, 0.0, 12e-3 + HALF_M - 1e-3), crt_pose(0.0, 0.0, 20e-3 - HALF_M + 1e-3)};
+    for (size_t s = 0; s < 4u; s++) {
+        const cr_config config = way_out();
+        crt_rig rig;
+        open_cube(&rig, &solids[s & 1u]);
+        struct cr_img_facet *facet = crt_section(rig.image, CR_SEC_FACETS);
+        if (s >= 2u) {
+            crt_forget_planes(&rig);
+        }
+        const cr_output plane = tick(&rig, &poses[s & 1u]);
+        for (uint32_t i = 0; i < rig.scene.facet_count; i++) {
+            facet[i].curved = CR_FACET_OF_CURVED;
+        }
+        reopen(&rig, &config);
+        const cr_output out = tick(&rig, &poses[s & 1u]);
+        const cr_way_zones *zones = &rig.world->set.way;
+        assert_true(zones->count > 0u);
+        for (uint32_t z = 0; z < zones->count; z++) {
+            assert_true((zones->zones[z].key.surface & CR_WAY_CURVED) != 0u && zones->zones[z].flat == 0u);
+        }
+        assert_true(fabs(fabs((double)out.force_world_N.z) - 1.0) < 0.1);
+        assert_true(v3_norm(v3_sub(out.force_world_N, plane.force_world_N)) < 1e-3f);
+        press_anyhow(&rig, &solids[s & 1u], 22e-3, 8u);
         crt_close(&rig);
     }
 }
@@ -553,6 +626,8 @@ int main(void) {
         cmocka_unit_test(mixed_cells_answer_as_their_planes_do),
         cmocka_unit_test(zones_beyond_their_room_are_counted),
         cmocka_unit_test(curved_and_unknown_surfaces_answer_by_sides),
+        cmocka_unit_test(planes_of_round_surfaces_answer_by_sides),
+        cmocka_unit_test(the_lightest_zone_gives_way),
         cmocka_unit_test(contacts_beyond_their_room_are_counted),
         cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),
