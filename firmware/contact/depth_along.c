@@ -38,7 +38,7 @@
 #define PARTS_OF_PLACE 20u
 #define PARTS_OF_FIRST 2u
 #define PARTS_OF_MARCH 64u
-#define PARTS_OF_MARCHING 20u
+#define PARTS_OF_MARCHING 4u
 
 /* Is a plane among those that are known at some lanes? */
 static int is_known(const cr_way_spots *at, uint32_t facet) {
