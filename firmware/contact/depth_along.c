@@ -23,13 +23,13 @@
 /* Less than any cosine: no plane of this lane. */
 #define NO_PLANE (-2.0f)
 
-/* Work, in parts of a unit: a side of a surface; a zone that its lanes may be related to, beside one part for each that is searched for theirs; a half-space
+/* Work, in parts of a unit: a side of a surface; a zone that may be that of its lanes, or related to it, and one more; a half-space
  * that they may count for, and again where they do; there the rows of planes that bound them; a lane of a side, one that is asked for a half-space, and twice
  * where it is near another zone, finds its way through a row, or through all, and half of it to be above a row; a plane that is known, one of the half-space,
  * and a row that is gone through; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
  * lane that marches. */
 #define PARTS_OF_SIDE 32u
-#define PARTS_OF_ZONE 3u
+#define PARTS_OF_ZONE 4u
 #define PARTS_OF_HALF 24u
 #define PARTS_OF_WAYS 32u
 #define PARTS_OF_LANE 4u
@@ -38,7 +38,7 @@
 #define PARTS_OF_PLACE 20u
 #define PARTS_OF_FIRST 2u
 #define PARTS_OF_MARCH 64u
-#define PARTS_OF_MARCHING 20u
+#define PARTS_OF_MARCHING 4u
 
 /* Is a plane among those that are known at some lanes? */
 static int is_known(const cr_way_spots *at, uint32_t facet) {
@@ -87,18 +87,14 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
     }
 }
 
-static void find_reach(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, uint32_t k, float *reach_m) {
-    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        reach_m[i] = cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
-    }
-}
-
 /* How deep below the plane that they are inside of the pieces of the lanes reach. */
 static void find_deep(cr_way_spots *at) {
+    const struct cr_img_cluster *c = at->c;
     const cr_way_known *own = &at->planes[0];
+    const float *height_m = own->height_m;
     for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
         const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
-        at->deep_m[i] = at->count > 0u ? cr_way_half_width(at->c, i, n) - own->height_m[i] : NEVER_M;
+        at->deep_m[i] = at->count > 0u ? cr_way_half_width(c, i, n) - height_m[i] : NEVER_M;
     }
 }
 
@@ -106,40 +102,39 @@ static void find_deep(cr_way_spots *at) {
 static uint32_t find_longer(const cr_way_spots *at, uint32_t lanes, const float *part, const cr_way_half *half) {
     const cr_way_known *own = &at->planes[0];
     const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
-    uint32_t longer = 0u;
+    uint32_t known = 0u;
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float leaves = own->curved ? v3_dot(lane_of(at->normal, i), half->normal) : flat_leaves;
         /* deep / leaves or far, without a division */
         const int by_own =
             (leaves > CR_WAY_LEAVES_MIN) & (part[i] * at->deep_m[i] <= half->depth_m * leaves + CR_WAY_SLACK_M);
         const int by_far = part[i] * (far + at->c->ramp[i]) <= half->depth_m;
-        longer |= (uint32_t)(!(by_own | by_far)) << i;
+        known |= (uint32_t)(by_own | by_far) << i;
     }
-    return longer & lanes;
+    return lanes & ~known;
 }
 
 /* No row is known yet. */
-static void begin_ways(cr_way_ways *w, uint32_t lane_count) {
+static void begin_ways(cr_way_ways *w, uint32_t lanes) {
     for (int i = 0; i < CR_LANES; i++) {
         w->middle_m[i] = w->most_m[i] = w->first_m[i] = w->second_m[i] = NEVER_M;
         w->steep[i] = 0.0f;
     }
     w->row = 0u;
-    w->parts = 2u * PARTS_OF_LANE * lane_count;
+    w->parts = 2u * PARTS_OF_LANE * cr_count_lanes(lanes);
 }
 
 /* Ways through one row of planes: the next of those that bound the lanes. */
 static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, cr_way_ways *w) {
-    float reach[CR_LANES];
     const uint32_t k = w->row++;
-    find_reach(r, lanes, e, k, reach);
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float leaves = e->leaves[k][i], h = e->height_m[k][i];
+        const float reach = cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
         const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
         const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
-        const float least = there ? -(h + reach[i]) * per : NEVER_M;
+        const float least = there ? -(h + reach) * per : NEVER_M;
         w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
-        w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach[i] - h) * per) : w->most_m[i];
+        w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach - h) * per) : w->most_m[i];
         w->steep[i] = higher_f(w->steep[i], leaves);
         w->second_m[i] = lower_f(w->second_m[i], higher_f(w->first_m[i], least));
         w->first_m[i] = lower_f(w->first_m[i], least);
@@ -209,51 +204,51 @@ static void march(const cr_way_survey *s) {
     r->marching = r->steps < MARCH_STEPS ? r->marching : 0u;
 }
 
-/* Lanes wait for all of their exits; those that no plane leads out of steeply enough march first. */
-static void wait_for(const cr_way_survey *s, uint32_t lanes, uint32_t marching, float most_m) {
+/* Some of the lanes march, as far as any of them may have to go. */
+static void begin_march(const cr_way_survey *s, uint32_t lanes, uint32_t marching) {
     cr_way_scratch *scratch = s->scratch;
     cr_way_rest *r = &scratch->rest;
-    r->looks = CR_WAY_LANE_BY_LANE;
-    r->most_m = most_m;
+    float most = 0.0f;
+    for (int i = 0; i < CR_LANES; i++) {
+        const float far = FAR_MAX * r->half->deep_m + r->c->ramp[i];
+        most = has_lane(lanes, i) ? higher_f(most, far) : most;
+        r->gone_m[i] = 0.0f;
+    }
+    r->most_m = most;
     r->marching = marching;
     r->steps = 0u;
-    if (marching != 0u) {
-        for (int i = 0; i < CR_LANES; i++) {
-            r->gone_m[i] = 0.0f;
-        }
-        cr_lanes_to_world(s->in->world_from_tool, r->c->x, r->c->y, r->c->z, &scratch->march_from);
-        s->work->spent += PARTS_OF_MARCH;
-    }
-    s->work->left = lanes;
+    cr_lanes_to_world(s->in->world_from_tool, r->c->x, r->c->y, r->c->z, &scratch->march_from);
+    s->work->spent += PARTS_OF_MARCH;
 }
 
-/* All rows are known: lanes with but one exit count, those that may be longer wait. */
+/* All rows are known: lanes with but one exit count; those that may be longer wait for all of their exits, and march first where no plane leads out of them
+ * steeply enough. */
 static void end_ways(const cr_way_survey *s) {
     cr_way_rest *r = &s->scratch->rest;
     cr_way_half *half = r->half;
     cr_way_ways *w = &s->scratch->ways;
-    const uint32_t lanes = s->work->left;
+    const uint32_t lanes = s->work->left, smooth = lanes & ~(uint32_t)r->c->crease_mask;
     const float trusted = trusted_of(half);
-    float most = 0.0f;
     uint32_t steep = 0u, left = 0u, plain = 0u;
-    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        plain |= (uint32_t)((w->second_m[i] > w->most_m[i]) & (w->steep[i] >= trusted)) << i;
-    }
-    plain &= lanes & ~(uint32_t)r->c->crease_mask;
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float far = FAR_MAX * half->deep_m + r->c->ramp[i];
         const float way = r->part[i] * lower_f(far, higher_f(0.0f, w->middle_m[i]));
-        half->depth_m = ((plain >> i) & 1u) != 0u ? higher_f(half->depth_m, way) : half->depth_m;
+        const int alone = (w->second_m[i] > w->most_m[i]) & (w->steep[i] >= trusted) & has_lane(smooth, i);
+        half->depth_m = alone ? higher_f(half->depth_m, way) : half->depth_m;
+        plain |= (uint32_t)alone << i;
     }
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float far = FAR_MAX * half->deep_m + r->c->ramp[i];
-        most = ((lanes >> i) & 1u) != 0u ? higher_f(most, far) : most;
         left |= (uint32_t)(r->part[i] * lower_f(far, w->most_m[i]) > half->depth_m) << i;
         steep |= (uint32_t)(w->steep[i] >= trusted) << i;
     }
     left &= lanes & ~plain;
     s->work->spent += w->parts;
-    wait_for(s, left, left & ~steep, most);
+    s->work->left = left;
+    r->looks = CR_WAY_LANE_BY_LANE;
+    if ((left & ~steep) != 0u) {
+        begin_march(s, lanes, left & ~steep);
+    }
 }
 
 /* The next row of planes for all lanes, or the end of these. */
@@ -323,16 +318,16 @@ static void count_for(const cr_way_survey *s, const cr_way_spots *at, uint32_t l
     rest->c = at->c;
     rest->normal = at->normal;
     rest->half = half;
-    if (exits_of_planes(at, half, rest)) {
-        wait_for(s, lanes, 0u, 0.0f);
-    } else {
-        rest->exits.count = rest->marching = 0u;
+    rest->marching = 0u;
+    rest->looks = CR_WAY_LANE_BY_LANE;
+    s->work->left = lanes;
+    if (!exits_of_planes(at, half, rest)) {
+        rest->exits.count = 0u;
         rest->looks = CR_WAY_ROW_BY_ROW;
         find_own(half, at, lanes, &scratch->rows);
         add_bounds(half, at, lanes, &scratch->rows);
-        begin_ways(&scratch->ways, cr_count_lanes(lanes));
+        begin_ways(&scratch->ways, lanes);
         s->work->spent += PARTS_OF_WAYS + PARTS_OF_ROW * at->count + scratch->rows.count * scratch->ways.parts / 4u;
-        s->work->left = lanes;
     }
     cr_way_go_on(s);
 }
@@ -396,9 +391,8 @@ void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, ui
             continue;
         }
         const uint32_t z = cr_way_find(s->zones, key);
-        s->work->spent += 1u + s->zones->count;
+        s->work->spent += PARTS_OF_ZONE * (1u + s->zones->count);
         if (z != CR_WAY_NONE) {
-            s->work->spent += PARTS_OF_ZONE * s->zones->count;
             count_in_zone(s, at, lanes, z, part);
         }
     }

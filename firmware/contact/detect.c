@@ -13,17 +13,16 @@
 /* Odometers are rebased where their sum, m and rad, reaches this: beyond it their last bit would exceed the slack. */
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
-/* Work, in lookups of 16 points: to look at a cluster over cells of the image. */
-#define WORK_OF_CELLS 2u
-/* In parts of a unit: a step, whatever it does; a cluster that is asked for planes, and one over planes, beside each of them; a group of the tree that is
- * woken, and that is entered; a leaf; spheres that are looked up, beside their lookup. */
+/* Work, in parts of a unit: a step, whatever it does; a cluster that is asked for planes, one over cells of the image, beside its lookup, and one over planes,
+ * beside each of them; a group of the tree that is woken, and that is entered; a leaf; spheres that are looked up, beside their lookup. */
 #define PARTS_OF_STEP 6u
 #define PARTS_OF_AROUND 48u
+#define PARTS_OF_CELLS 208u
 #define PARTS_OF_POINTS 176u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
-#define PARTS_OF_SPHERES 24u
+#define PARTS_OF_SPHERES 64u
 #define PARTS_OF_LEAF 1u
 
 /* All spheres wake when the tree is seen next: in free space that costs nothing. */
@@ -83,7 +82,7 @@ typedef struct {
 
 static void look_up(const walk *w, const cr_lanes3 *world, uint32_t lanes, cr_lookup *out) {
     cr_field_look_up_lanes(w->field, world, lanes, out);
-    w->search->spent += CR_WORK_PARTS + PARTS_OF_SPHERES + out->parts;
+    w->search->spent += PARTS_OF_SPHERES + out->parts;
 }
 
 static uint32_t lanes_where_below(const float *value, const float *limit) {
@@ -200,7 +199,7 @@ static void look_up_points(walk *w, uint32_t cluster, uint32_t slot, int lane) {
     cr_in_hand *in = &w->search->in_hand;
     cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
     cr_field_look_up(w->field, &in->world, &in->at);
-    w->search->spent += WORK_OF_CELLS * CR_WORK_PARTS + in->at.parts;
+    w->search->spent += PARTS_OF_CELLS + in->at.parts;
     in->slot = slot;
     in->lane = lane;
     w->search->hand = CR_HAND_LOOKED_UP;

@@ -157,10 +157,12 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     const float ox = m->origin_m[0], oy = m->origin_m[1], oz = m->origin_m[2];
     const float hx = f->grid_max[0], hy = f->grid_max[1], hz = f->grid_max[2];
     const int32_t nx = f->dims[0], ny = f->dims[1];
+    uint32_t parts = 0u;
     out->from_facet = out->on_planes = out->parts = 0u;
     out->bent = 0u;
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
+        parts += CR_PARTS_OF_POINT;
         float gx = (p->x[i] - ox) * inv, gy = (p->y[i] - oy) * inv, gz = (p->z[i] - oz) * inv;
         float cx = clamp_f(gx, 0.0f, hx), cy = clamp_f(gy, 0.0f, hy), cz = clamp_f(gz, 0.0f, hz);
         int32_t ix = (int32_t)cx, iy = (int32_t)cy, iz = (int32_t)cz;
@@ -174,6 +176,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
             use_bound(f, v3(gx - cx, gy - cy, gz - cz), entry, i, out);
             continue;
         }
+        parts += CR_PARTS_OF_SAMPLES;
         const struct cr_img_brick *b = &s->bricks[entry];
         const int32_t side = (int32_t)b->side, row = side + 1;
         const float n = (float)side, last = n - 1.0f;
@@ -198,6 +201,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
             use_crease(f, p, i, out);
         }
     }
+    out->parts += parts;
 }
 
 #else
@@ -229,7 +233,7 @@ typedef struct {
     float cells[CR_LANES]; /* cells along a side of the brick */
 } corners;
 
-/* What the loads reveal: whether any lane is far, and the lanes in bricks with crease cells and in fine bricks. */
+/* What the loads reveal: lanes that are far, in bricks with crease cells, and in fine bricks. */
 typedef struct {
     uint32_t far, creased, fine;
 } lane_sets;
@@ -268,7 +272,7 @@ static lane_sets load_corners(const cr_field *f, const int32_t *top, uint32_t la
         at->entry[i] = entry;
         p.base[i] = (int32_t)b->samples;
         p.side[i] = (int32_t)b->side;
-        sets.far |= far;
+        sets.far |= far << i;
         sets.creased |= ((uint32_t)b->creased & ~far) << i;
         sets.fine |= ((uint32_t)b->fine & ~far) << i;
     }
@@ -334,8 +338,8 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
     find_places(f, p, out, top, beyond_m);
     lane_sets sets = load_corners(f, top, lanes, out, &c);
     interpolate(f, &c, out);
-    out->from_facet = out->on_planes = out->parts = 0u;
-    out->bent = 0u;
+    out->from_facet = out->on_planes = out->bent = 0u;
+    out->parts = CR_PARTS_OF_POINT * cr_count_lanes(lanes) + CR_PARTS_OF_SAMPLES * cr_count_lanes(lanes & ~sets.far);
     if (sets.far != 0u) {
         use_bounds(f, beyond_m, out);
     }

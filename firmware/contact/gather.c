@@ -157,17 +157,22 @@ void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
 int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
     cr_way_layers *l = &set->way.layers;
     l->parts = 0u;
-    if (l->step >= CR_WAY_ADD) {
-        add_one_layer(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);
-    } else if (l->step == CR_WAY_FADE) {
+    if (l->step == CR_WAY_PLANES) {
+        cr_way_over_planes(f->scene, looked->c, l->left, looked->coverage, looked->planes, looked->heights, l);
+        l->step = CR_WAY_FADE;
+        return 0;
+    }
+    if (l->step < CR_WAY_FADE) {
+        cr_way_over_lookup(f, pose, looked, l);
+        return 0;
+    }
+    if (l->step == CR_WAY_FADE) {
         cr_way_fade(f->scene, set->hits[hit].covered & first_lanes(looked->c->count), l);
         set->way.reach[hit] = l->reach;
         l->step = CR_WAY_ADD;
-    } else if (l->step == CR_WAY_PLANES) {
-        cr_way_over_planes(f->scene, looked->c, l->left, looked->coverage, looked->planes, looked->heights, l);
-        l->step = CR_WAY_FADE;
-    } else {
-        cr_way_over_lookup(f, pose, looked, l);
     }
-    return l->step >= CR_WAY_ADD && l->step - CR_WAY_ADD == l->count;
+    if (l->count > 0u) {
+        add_one_layer(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);
+    }
+    return l->step == CR_WAY_ADD + l->count;
 }

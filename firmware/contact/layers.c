@@ -50,6 +50,8 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
     made->lanes = 0u;
     for (int i = 0; i < CR_LANES; i++) {
         made->depth_m[i] = made->coverage[i] = 0.0f;
+    }
+    for (int i = 0; i < CR_LANES && surface >= CR_WAY_CURVED; i++) {
         made->normal_m.x[i] = made->normal_m.y[i] = made->normal_m.z[i] = 0.0f;
     }
     return made;

@@ -4,18 +4,17 @@
 /* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
 #define SIDE_FULL 0.25f
 
-/* Work, in parts of a unit: a hit that is looked up again, and each lane of it; a step, whatever it does; a zone that a hit is asked for, a half-space that
- * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, and that is begun, beside zones that might be of it; a
+/* Work, in parts of a unit: a hit that is looked up again, beside its lookup; a step, whatever it does; a zone that a hit is asked for, a half-space that
+ * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, twice for a cell, and that is begun, beside zones that might be of it; a
  * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a
  * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more. */
 #define PARTS_OF_LOOKUP 96u
-#define PARTS_OF_POINT 17u
 #define PARTS_OF_STEP 10u
 #define PARTS_OF_ASKED 3u
 #define PARTS_OF_DEEPER 2u
 #define PARTS_OF_PAIR 2u
 #define PARTS_OF_TOLD 12u
-#define PARTS_OF_MET 4u
+#define PARTS_OF_MET 6u
 #define PARTS_OF_SURFACE 12u
 #define PARTS_OF_SHARE 5u
 #define PARTS_OF_FACET 18u
@@ -50,7 +49,7 @@ static int is_passed(const cr_way_survey *s, uint32_t count) {
     cr_way_work *w = s->work;
     const int passed = w->surfaces + count <= w->surfaces_done || cr_way_waits(s);
     w->surfaces += passed ? count : 0u;
-    w->spent += PARTS_OF_MET + count;
+    w->spent += PARTS_OF_MET;
     return passed;
 }
 
@@ -322,6 +321,7 @@ static void over_looked_up(const cr_way_survey *s, const struct cr_img_cluster *
         uint32_t first = same;
         const int i = take_lane(&first);
         lanes &= ~same;
+        w->spent += PARTS_OF_MET;
         if (is_passed(s, CR_KIND_FACETS_MAX)) {
             continue;
         }
@@ -354,7 +354,7 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
         w->known = CR_WAY_LOOKED_UP;
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);
         cr_field_look_up_lanes(s->in->field, &scratch->world, lanes, &scratch->look);
-        w->spent += PARTS_OF_LOOKUP + PARTS_OF_POINT * cr_count_lanes(lanes) + scratch->look.parts;
+        w->spent += PARTS_OF_LOOKUP + scratch->look.parts;
         return 0;
     } else if (w->known == CR_WAY_LOOKED_UP) {
         w->known = CR_WAY_TOLD;

@@ -10,10 +10,12 @@
 #include "contact/math3.h"
 #include "crease.h"
 
-/* Work is counted in lookups of 16 points, not beside a crease, and summed in parts of one. */
+/* Work is counted in lookups of 16 points near the surface, not beside a crease, and summed in parts of one. */
 #define CR_WORK_PARTS 256u
-/* Parts of a unit: of a lane that is looked up beside a crease, its cell, and where planes meet, each of them, and two more; of a lane that planes cut, or where
+/* Parts of a unit: of a lane that is looked up, and where the image has samples; beside a crease, its cell, and where planes meet, each of them, and two more; of a lane that planes cut, or where
  * they are turned for one, each of them; twice where they are those of the cluster. */
+#define CR_PARTS_OF_POINT 5u
+#define CR_PARTS_OF_SAMPLES 11u
 #define CR_PARTS_OF_CELL 6u
 #define CR_PARTS_OF_MEETING 9u
 #define CR_PARTS_OF_CUT 12u
@@ -27,7 +29,7 @@ typedef struct {
     uint32_t facet[CR_LANES];                       /* where bit is set in from_facet: facet whose plane is highest */
     uint32_t kind[CR_LANES];                        /* where bit is set in on_planes: what the cell sees */
     uint32_t on_planes;                             /* lanes in cells with planes that meet; */
-    uint32_t parts;                                 /* of work, beside creases */
+    uint32_t parts;                                 /* of work */
     uint32_t from_facet;                            /* of these, those whose phi is from them: near the surface */
     uint32_t bent; /* of these, lanes nearest to an edge or a vertex: phi is not linear there */
 } cr_lookup;

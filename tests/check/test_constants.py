@@ -86,8 +86,8 @@ def test_no_guard_is_taken_for_a_test_that_is_not_there() -> None:
     assert not is_test("tests/unit/test_related.c::resolve_ends")
     assert is_test(f"{GOLDEN}[bar_u-amplification]")
     assert not is_test(f"{GOLDEN}[bar_u-colour]")
-    assert is_test(f"{WORK}[detect.c-WORK_OF_CELLS]")
-    assert not is_test(f"{WORK}[detect.c-WORK_OF_PLAY]")
+    assert is_test(f"{WORK}[detect.c-PARTS_OF_CELLS]")
+    assert not is_test(f"{WORK}[detect.c-PARTS_OF_PLAY]")
 
 
 @pytest.mark.slow

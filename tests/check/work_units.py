@@ -36,7 +36,7 @@ class Weight:
 
 WEIGHTS = {
     ("PARTS_OF_POINTS", "detect.c"): Weight("planes_near", "", 0.51),
-    ("WORK_OF_CELLS", "detect.c"): Weight("cells_near", "", 0.77),
+    ("PARTS_OF_CELLS", "detect.c"): Weight("cells_near", "", 0.77),
     ("PARTS_OF_LAYER", "gather.c"): Weight("planes_in", "planes_near", 0.67),
     ("PARTS_OF_LANE", "layers.c"): Weight("cells_in", "cells_near", 0.68),
     ("PARTS_OF_PLANE", "layers.c"): Weight("meeting_in", "cells_in", 0.53),

@@ -49,6 +49,8 @@ class Code:
 
     functions: dict[str, Function]
     loops: list[NamedLoop] = field(default_factory=list)
+    inlined: dict[tuple[str, str], int] = field(default_factory=dict)
+    """Of a function, and one that was made part of it: the block that has most of that."""
 
 
 def _names(function: Function, frames: Mapping[int, Any]) -> list[NamedLoop]:
@@ -92,7 +94,18 @@ def read(program: Path, roots: Iterable[str]) -> Code:
     code = Code(functions)
     for function in functions.values():
         code.loops += _names(function, frames)
+        code.inlined |= _inlined(function, frames)
     return code
+
+
+def _inlined(function: Function, frames: Mapping[int, Any]) -> dict[tuple[str, str], int]:
+    sizes: dict[str, dict[int, int]] = {}
+    for start, block in function.blocks.items():
+        for instruction in block.code:
+            for name in {frame.function for frame in frames.get(instruction.address, ())[:-1]}:
+                of = sizes.setdefault(plain(name), {})
+                of[start] = of.get(start, 0) + 1
+    return {(function.name, name): max(of, key=lambda b: of[b]) for name, of in sizes.items()}
 
 
 _ARITHMETIC = ("vmul", "vsqrt", "vdiv", "vmla", "vfma", "vnmul")
@@ -306,7 +319,8 @@ class Programme:
     def place(self, text: str) -> tuple[list[Sum], float]:
         """How often something happens: sums, each of which it is, and what is added to them; 0 where it is not run.
 
-        `enter F`, `call F > G`, `loop NAME`, `into NAME`, `lanes NAME`.   Errors: BoundError: nothing at all is that.
+        `enter F`, `call F > G`, `inlined F > G`, `loop NAME`, `into NAME`, `lanes NAME`.   Errors: BoundError: nothing
+        at all is that.
         """
         text, _, stage = text.partition(" @ ")
         kind, _, what = text.partition(" ")
@@ -334,6 +348,11 @@ class Programme:
                         column = self.returns.get((copy, start, at))
                         if column is not None and plain(c) == what.partition(" > ")[2]:
                             add({column: 1.0})
+            elif kind == "inlined" and plain(name) == what.partition(" > ")[0]:
+                start = self.code.inlined.get((name, what.partition(" > ")[2]))
+                if start is not None:
+                    add({self.blocks[copy, start]: 1.0})
+                    add(self._returns_in(copy, [start]))
             elif kind in ("loop", "into", "lanes"):
                 for loop in self._loops.get(name, ()):
                     if what not in (loop.name, loop.name.rpartition(" #")[0]):
@@ -356,8 +375,10 @@ class Programme:
         """Whether a place is one of the code, though not of what the root runs."""
         if kind == "enter":
             return any(plain(name) == what for name in self.code.functions)
+        caller, _, called = what.partition(" > ")
+        if kind == "inlined":
+            return any(plain(of) == caller and name == called for of, name in self.code.inlined)
         if kind == "call":
-            caller, _, called = what.partition(" > ")
             return any(
                 plain(name) == caller and plain(c) == called
                 for name, f in self.code.functions.items()
