@@ -1,10 +1,12 @@
 /* gather: what each piece of the tool is inside of. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* Work, in parts of a unit: of a layer that is added to the zones of one piece, each of its lanes, and each of its sides. */
+/* Work, in parts of a unit: of a layer that is added to the zones of one piece, each of its lanes, each of its sides, and each that asks for
+ * room. */
 #define PARTS_OF_LAYER 40u
 #define PARTS_OF_LANE 5u
 #define PARTS_OF_SIDE 32u
+#define PARTS_OF_ROOM 20u
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
     for (uint32_t z = 0; z < zones->count; z++) {
@@ -97,11 +99,12 @@ static void turn_round(const cr_scene *s, const xform *pose, uint32_t facet, cr_
 }
 
 /* The lanes of a layer that belong to one piece of the tool. */
-static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot,
-                      const cr_way_layers *l, uint32_t k, uint32_t hit, cr_way_zones *zones) {
+static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot, cr_way_layers *l,
+                      uint32_t k, uint32_t hit, cr_way_zones *zones) {
     const cr_way_layer *layer = &l->layers[k];
+    const uint32_t lanes = layer->lanes & c->piece_lanes[slot], asked = zones->count + zones->dropped;
     cr_way_zone sums;
-    sum_lanes(c, layer->lanes & c->piece_lanes[slot], l, layer, &sums);
+    sum_lanes(c, lanes, l, layer, &sums);
     const uint32_t felt = cr_way_felt(s, layer->surface);
     const int sided = layer->side == CR_WAY_SIDES || felt != layer->surface;
     if (felt != layer->surface) {
@@ -123,6 +126,8 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
             break;
         }
     }
+    l->parts += PARTS_OF_LAYER + PARTS_OF_LANE * cr_count_lanes(lanes) + PARTS_OF_SIDE * (sided ? CR_WAY_SIDES : 1u);
+    l->parts += PARTS_OF_ROOM * (zones->count + zones->dropped - asked);
 }
 
 const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c, const cr_planes *p, cr_planes *one) {
@@ -136,8 +141,6 @@ static void add_one_layer(const cr_scene *s, const xform *pose, cr_contact_set *
     cr_way_layers *l = &set->way.layers;
     for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
         add_layer(s, pose, c, slot, l, k, hit, &set->way);
-        l->parts += PARTS_OF_LANE * cr_count_lanes(l->layers[k].lanes & c->piece_lanes[slot]);
-        l->parts += PARTS_OF_LAYER + PARTS_OF_SIDE * (l->layers[k].side == CR_WAY_SIDES ? CR_WAY_SIDES : 1u);
     }
 }
 

@@ -7,7 +7,8 @@
 /* Work, in parts of a unit: a hit that is looked up again, beside its lookup; a step, whatever it does; a zone that a hit is asked for, a half-space that
  * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, twice for a cell, and that is begun, beside zones that might be of it; a
  * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a
- * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more. */
+ * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more, or
+ * above one of a round surface. */
 #define PARTS_OF_LOOKUP 96u
 #define PARTS_OF_STEP 10u
 #define PARTS_OF_ASKED 3u
@@ -113,13 +114,15 @@ static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
     end_surface(s);
 }
 
-/* Lanes over a facet, or where no surface is near, by their share: over a facet of a round surface for its sides. */
-static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share) {
+/* Lanes over a facet, or where no surface is near, each by its part; over a facet of a round surface for its sides, by their share. */
+static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share,
+                        const float *part) {
     const cr_scene *scene = s->in->field->scene;
     const uint32_t felt = cr_way_felt(scene, index);
     if (felt != index) {
         cr_lanes3 *world = &s->scratch->beside;
         const cr_vec3 n = v3_from(scene->facets[index].normal);
+        s->work->spent += PARTS_OF_ABOVE;
         for (int i = 0; i < CR_LANES; i++) {
             world->x[i] = n.x;
             world->y[i] = n.y;
@@ -128,11 +131,7 @@ static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index
         count_sides(s, at, felt, sides, world, share);
         return;
     }
-    float part[CR_LANES];
-    for (int i = 0; i < CR_LANES && share != whole; i++) {
-        part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
-    }
-    cr_way_count(s, at, index, 0u, share == whole ? whole : part);
+    cr_way_count(s, at, index, 0u, part);
     end_surface(s);
 }
 
@@ -150,7 +149,7 @@ static void over_solid(const cr_way_survey *s, const struct cr_img_cluster *c, u
             const uint32_t to = k == top ? 0u : k == 0u ? top : k;
             at.planes[to] = (cr_way_known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
         }
-        count_facet(s, &at, p->facet[top], sides, whole);
+        count_facet(s, &at, p->facet[top], sides, whole, whole);
     }
 }
 
@@ -171,7 +170,7 @@ static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c,
         }
         at.lanes &= lanes;
         at.planes[0] = (cr_way_known){p->facet[k], 0, v3_scale(p->normal_tool[k], -1.0f), height_m};
-        count_facet(s, &at, p->facet[k], sides, whole);
+        count_facet(s, &at, p->facet[k], sides, whole, whole);
     }
 }
 
@@ -200,10 +199,13 @@ static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
 
 /* Lanes over a facet that is not curved. */
 static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share) {
-    float height_m[CR_LANES];
+    float height_m[CR_LANES], part[CR_LANES];
     const cr_vec3 n = cr_way_heights(s->in->field->scene, s->in->world_from_tool, at->c, index, height_m);
+    for (int i = 0; i < CR_LANES; i++) {
+        part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
+    }
     at->planes[0] = (cr_way_known){index, 0, n, height_m};
-    count_facet(s, at, index, sides, share);
+    count_facet(s, at, index, sides, share, part);
 }
 
 /* Lanes that were looked up, on one surface, by their share. */
@@ -254,7 +256,7 @@ static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c,
     at.planes[0] = (cr_way_known){CR_FACET_NONE, 0, none, look->phi_m};
     const uint32_t sides = begin_surface(s, CR_WAY_NONE);
     if (sides != 0u) {
-        count_facet(s, &at, CR_WAY_NONE, sides, whole);
+        count_facet(s, &at, CR_WAY_NONE, sides, whole, whole);
     }
 }
 

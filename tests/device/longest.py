@@ -489,7 +489,9 @@ class Programme:
 
         a_ub, b_ub = matrix(least)
         a_eq, b_eq = matrix(equal)
-        found = linprog(cost, A_ub=a_ub, b_ub=b_ub, A_eq=a_eq, b_eq=b_eq, method="highs")
-        if found.status != 0:
-            raise BoundError(f"{self.root}: no longest path: {found.message}")
-        return np.asarray(found.x)
+        for presolve in (True, False):  # to give up is no answer
+            options = {"presolve": presolve}
+            found = linprog(cost, a_ub, b_ub, a_eq, b_eq, method="highs", options=options)
+            if found.status == 0:
+                return np.asarray(found.x)
+        raise BoundError(f"{self.root}: no longest path: {found.message}")
