@@ -76,29 +76,46 @@ static cr_vec3 crease_way(const struct cr_img_cluster *c, int i) {
     return v3_scale(row, most > 0.0f ? 0.5f / sqrtf(most) : 0.0f);
 }
 
-/* How far a crease's piece bulges beyond the line between its ends: pieces are straight, and turn from one to the next where it is round. */
-static cr_vec3 bulge_of(const struct cr_img_cluster *c, int i) {
+/* How creases beside one turn: weighted by how far along its line they are. */
+typedef struct {
+    cr_vec3 top;
+    float bottom;
+} turn_sum;
+
+static void add_turns(const struct cr_img_cluster *c, int i, const struct cr_img_cluster *beside, uint32_t lanes,
+                      turn_sum *sum) {
     const cr_vec3 w = crease_way(c, i), from = at_sample(c, i);
     const float long2 = v3_dot(w, w);
-    cr_vec3 top = v3(0.0f, 0.0f, 0.0f);
-    float bottom = 0.0f;
-    for (uint32_t left = (uint32_t)(c->beside[i] & c->crease_mask); left != 0u;) {
+    for (uint32_t left = lanes & beside->crease_mask; left != 0u;) {
         const int j = take_lane(&left);
-        const cr_vec3 other = crease_way(c, j);
-        const float along = v3_dot(w, other), share = v3_dot(w, v3_sub(at_sample(c, j), from)) / long2;
+        const cr_vec3 other = crease_way(beside, j);
+        const float along = v3_dot(w, other), share = v3_dot(w, v3_sub(at_sample(beside, j), from)) / long2;
         const cr_vec3 turned = v3_mad(v3_scale(other, long2 / along), w, -1.0f);
         if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * long2) {
-            top = v3_mad(top, turned, -0.5f * share);
-            bottom += share * share;
+            sum->top = v3_mad(sum->top, turned, -0.5f * share);
+            sum->bottom += share * share;
         }
     }
-    return bottom > 1.0f ? v3_scale(top, 1.0f / bottom) : v3(0.0f, 0.0f, 0.0f);
+}
+
+/* How far a crease's piece bulges beyond the line between its ends: pieces are straight, and turn from one to the next where it is round. */
+static cr_vec3 bulge_of(const cr_scene *s, const struct cr_img_cluster *c, int i) {
+    const uint32_t own = (uint32_t)(c - s->clusters);
+    turn_sum sum = {{0.0f, 0.0f, 0.0f}, 0.0f};
+    add_turns(c, i, c, c->beside[i], &sum);
+    for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u]; k++) {
+        const struct cr_img_neighbour *n = &s->adj[k];
+        if (has_lane(n->mine, i)) {
+            add_turns(c, i, &s->clusters[n->cluster], n->theirs, &sum);
+        }
+    }
+    return v3_scale(sum.top, sum.bottom > 1.0f ? 1.0f / sum.bottom : 0.0f);
 }
 
 void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_lanes3 *place) {
     cr_couple_line *lines = v->found->lines;
     for (int i = 0; i < CR_LANES; i++) {
-        lines[i].bend = has_lane(c->crease_mask, i) ? bulge_of(c, i) : v3(0.0f, 0.0f, 0.0f);
+        lines[i].bend = has_lane(c->crease_mask, i) ? bulge_of(v->field->scene, c, i) : v3(0.0f, 0.0f, 0.0f);
         put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, lines[i].bend)));
     }
 }
