@@ -49,18 +49,31 @@ static cr_vec3 out_there(const cr_couple_line *l, cr_vec3 out, float share) {
     return v3_unit(v3_mad(out, l->way, turn), 0.0f);
 }
 
+/* Outward normals of the samples, tool frame: those of out_of, all at once. */
+static void find_outs(const struct cr_img_cluster *c, cr_lanes3 *out) {
+    for (int i = 0; i < CR_LANES; i++) {
+        const float x = c->ax[i], y = c->ay[i], z = c->az[i], norm = sqrtf(x * x + y * y + z * z);
+        const float scale = norm > 0.0f ? 1.0f / norm : 0.0f;
+        out->x[i] = x * scale;
+        out->y[i] = y * scale;
+        out->z[i] = z * scale;
+    }
+}
+
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
  * axis. How normals turn along the line from the samples beside it tells its bend there. */
-static float drop_of(const struct cr_img_cluster *c, int i, cr_vec3 w) {
-    const cr_vec3 out = out_of(c, i);
-    const float from = v3_dot(w, v3(c->x[i], c->y[i], c->z[i])), turned = v3_dot(w, out), long2 = v3_dot(w, w);
-    float top = 0.0f, bottom = 0.0f;
-    for (uint32_t left = c->bow[i] > 0.0f ? c->beside[i] : 0u; left != 0u;) {
+static float drop_of(const struct cr_img_cluster *c, const cr_lanes3 *out, int i, cr_vec3 w) {
+    const float from = v3_dot(w, at_sample(c, i)), turned = v3_dot(w, lane_of(out, i)), long2 = v3_dot(w, w);
+    float along[CR_LANES], turn[CR_LANES], top = 0.0f, bottom = 0.0f;
+    for (int j = 0; j < CR_LANES; j++) {
+        along[j] = w.x * c->x[j] + w.y * c->y[j] + w.z * c->z[j] - from;
+        turn[j] = w.x * out->x[j] + w.y * out->y[j] + w.z * out->z[j] - turned;
+    }
+    for (uint32_t left = c->beside[i]; left != 0u;) {
         const int j = take_lane(&left);
-        const float d = v3_dot(w, v3(c->x[j], c->y[j], c->z[j])) - from;
         if (c->bow[j] > 0.0f) {
-            top += d * (v3_dot(w, out_of(c, j)) - turned);
-            bottom += d * d;
+            top += along[j] * turn[j];
+            bottom += along[j] * along[j];
         }
     }
     const float least = BESIDE_MIN * c->ramp[i];
@@ -151,13 +164,15 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
 /* Lines along which a piece may come near enough to be looked at. */
 static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
     uint32_t leaning = 0u, asked = first_lanes(c->count) & ~(uint32_t)c->vertex_mask;
+    cr_lanes3 out;
+    find_outs(c, &out);
     while (asked != 0u) {
         const int i = take_lane(&asked);
         cr_couple_line *l = &v->found->lines[i];
         if (l->reach_m > LEAN_MIN_M && at->phi_m[i] - l->reach_m < v->margin_m + v->slack_m) {
             l->way = v3_scale(l->way, -0.25f / l->reach_m);
-            if (!has_lane(c->crease_mask, i)) {
-                l->bend = v3_scale(out_of(c, i), drop_of(c, i, l->way));
+            if (c->bow[i] > 0.0f) {
+                l->bend = v3_scale(lane_of(&out, i), drop_of(c, &out, i, l->way));
             }
             l->low.share = 0.0f;
             l->low.phi_m = at->phi_m[i];
