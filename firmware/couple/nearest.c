@@ -128,33 +128,57 @@ static cr_vec3 bulge_of(const cr_scene *s, const struct cr_img_cluster *c, int i
 void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_lanes3 *place) {
     cr_couple_line *lines = v->found->lines;
     for (int i = 0; i < CR_LANES; i++) {
-        lines[i].bend = has_lane(c->crease_mask, i) ? bulge_of(v->field->scene, c, i) : v3(0.0f, 0.0f, 0.0f);
+        lines[i].bend = v3(0.0f, 0.0f, 0.0f);
+    }
+    for (uint32_t left = c->crease_mask; left != 0u;) {
+        const int i = take_lane(&left);
+        lines[i].bend = bulge_of(v->field->scene, c, i);
         put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, lines[i].bend)));
+    }
+}
+
+static int has_direction(const cr_lookup *at, int i) {
+    const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i];
+    return gx * gx + gy * gy + gz * gz > GRADIENT_MIN * GRADIENT_MIN;
+}
+
+/* Along the gradient: where the pieces of some samples go, as spread_times has it, and how far they reach; nowhere where the gradient tells no direction. */
+static void find_reaches(const xform *m, const struct cr_img_cluster *c, const cr_lookup *at, uint32_t lanes,
+                         cr_lanes3 *way, float *reach_m) {
+    const float flat2 = GRADIENT_MIN * GRADIENT_MIN;
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
+        const float scale = long2 > flat2 ? 1.0f / sqrtf(higher_f(long2, flat2)) : 0.0f;
+        const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
+        const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
+        const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
+        const float wx = c->wxx[i] * x + c->wxy[i] * y + c->wzx[i] * z;
+        const float wy = c->wxy[i] * x + c->wyy[i] * y + c->wyz[i] * z;
+        const float wz = c->wzx[i] * x + c->wyz[i] * y + c->wzz[i] * z;
+        way->x[i] = wx;
+        way->y[i] = wy;
+        way->z[i] = wz;
+        reach_m[i] = 0.5f * sqrtf(higher_f(0.0f, x * wx + y * wy + z * wz));
     }
 }
 
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
 float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
-    const xform *m = &v->pose;
-    const float far = v->trust_m + v->slack_m, flat2 = GRADIENT_MIN * GRADIENT_MIN;
-    float least_m = 1e4f;
-    for (uint32_t left = first_lanes(c->count); left != 0u;) {
+    const uint32_t used = first_lanes(c->count);
+    const float far = v->trust_m + v->slack_m;
+    float least_m = 1e4f, reach_m[CR_LANES];
+    cr_lanes3 way;
+    find_reaches(&v->pose, c, at, used, &way, reach_m);
+    for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
         const float phi = at->phi_m[i], ramp = has_lane(c->vertex_mask, i) ? 0.0f : c->ramp[i];
         cr_couple_line *l = &v->found->lines[i];
         float down = ramp;
         l->reach_m = ramp;
         if (phi - ramp < far && ramp > 0.0f) {
-            const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
-            const float scale = long2 > flat2 ? 1.0f / sqrtf(long2) : 0.0f;
-            const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
-            const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
-            const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
-            const cr_vec3 way = spread_times(c, i, v3(x, y, z));
-            const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
-            l->way = way;
-            l->reach_m = reach;
-            down = (long2 > flat2 ? reach : ramp) + v3_norm(l->bend);
+            l->way = lane_of(&way, i);
+            l->reach_m = reach_m[i];
+            down = (has_direction(at, i) ? reach_m[i] : ramp) + v3_norm(l->bend);
         }
         least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
     }
