@@ -89,40 +89,53 @@ static cr_vec3 crease_way(const struct cr_img_cluster *c, int i) {
     return v3_scale(row, most > 0.0f ? 0.5f / sqrtf(most) : 0.0f);
 }
 
-/* How creases beside one turn: weighted by how far along its line they are. */
+/* How creases beside one turn from its way: weighted by how far along that they are. */
 typedef struct {
-    cr_vec3 top;
-    float bottom;
+    cr_vec3 from, way, top;
+    float long2, bottom;
 } turn_sum;
 
-static void add_turns(const struct cr_img_cluster *c, int i, const struct cr_img_cluster *beside, uint32_t lanes,
-                      turn_sum *sum) {
-    const cr_vec3 w = crease_way(c, i), from = at_sample(c, i);
-    const float long2 = v3_dot(w, w);
+static void begin_turns(const struct cr_img_cluster *c, int i, turn_sum *sum) {
+    sum->from = at_sample(c, i);
+    sum->way = crease_way(c, i);
+    sum->long2 = v3_dot(sum->way, sum->way);
+    sum->top = v3(0.0f, 0.0f, 0.0f);
+    sum->bottom = 0.0f;
+}
+
+static void add_turns(const struct cr_img_cluster *beside, uint32_t lanes, turn_sum *sum) {
     for (uint32_t left = lanes & beside->crease_mask; left != 0u;) {
         const int j = take_lane(&left);
         const cr_vec3 other = crease_way(beside, j);
-        const float along = v3_dot(w, other), share = v3_dot(w, v3_sub(at_sample(beside, j), from)) / long2;
-        const cr_vec3 turned = v3_mad(v3_scale(other, long2 / along), w, -1.0f);
-        if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * long2) {
+        const float along = v3_dot(sum->way, other);
+        const float share = v3_dot(sum->way, v3_sub(at_sample(beside, j), sum->from)) / sum->long2;
+        const cr_vec3 turned = v3_mad(v3_scale(other, sum->long2 / along), sum->way, -1.0f);
+        if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * sum->long2) {
             sum->top = v3_mad(sum->top, turned, -0.5f * share);
             sum->bottom += share * share;
         }
     }
 }
 
-/* How far a crease's piece bulges beyond the line between its ends: pieces are straight, and turn from one to the next where it is round. */
-static cr_vec3 bulge_of(const cr_scene *s, const struct cr_img_cluster *c, int i) {
+/* How far creases' pieces bulge beyond the lines between their ends: pieces are straight, and turn from one to the next where it is round. */
+static void find_bulges(const cr_scene *s, const struct cr_img_cluster *c, cr_couple_line *lines) {
     const uint32_t own = (uint32_t)(c - s->clusters);
-    turn_sum sum = {{0.0f, 0.0f, 0.0f}, 0.0f};
-    add_turns(c, i, c, c->beside[i], &sum);
+    turn_sum sums[CR_LANES];
+    for (uint32_t left = c->crease_mask; left != 0u;) {
+        const int i = take_lane(&left);
+        begin_turns(c, i, &sums[i]);
+        add_turns(c, c->beside[i], &sums[i]);
+    }
     for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u]; k++) {
         const struct cr_img_neighbour *n = &s->adj[k];
-        if (has_lane(n->mine, i)) {
-            add_turns(c, i, &s->clusters[n->cluster], n->theirs, &sum);
+        for (uint32_t left = n->mine & (uint32_t)c->crease_mask; left != 0u;) {
+            add_turns(&s->clusters[n->cluster], n->theirs, &sums[take_lane(&left)]);
         }
     }
-    return v3_scale(sum.top, sum.bottom > 1.0f ? 1.0f / sum.bottom : 0.0f);
+    for (uint32_t left = c->crease_mask; left != 0u;) {
+        const int i = take_lane(&left);
+        lines[i].bend = v3_scale(sums[i].top, sums[i].bottom > 1.0f ? 1.0f / sums[i].bottom : 0.0f);
+    }
 }
 
 void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_lanes3 *place) {
@@ -130,9 +143,11 @@ void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr
     for (int i = 0; i < CR_LANES; i++) {
         lines[i].bend = v3(0.0f, 0.0f, 0.0f);
     }
+    if (c->crease_mask != 0u) {
+        find_bulges(v->field->scene, c, lines);
+    }
     for (uint32_t left = c->crease_mask; left != 0u;) {
         const int i = take_lane(&left);
-        lines[i].bend = bulge_of(v->field->scene, c, i);
         put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, lines[i].bend)));
     }
 }
