@@ -103,36 +103,45 @@ static void begin_turns(const struct cr_img_cluster *c, int i, turn_sum *sum) {
     sum->bottom = 0.0f;
 }
 
-static void add_turns(const struct cr_img_cluster *beside, uint32_t lanes, turn_sum *sum) {
-    for (uint32_t left = lanes & beside->crease_mask; left != 0u;) {
+static void add_turn(turn_sum *sum, cr_vec3 from, cr_vec3 way) {
+    const float along = v3_dot(sum->way, way), share = v3_dot(sum->way, v3_sub(from, sum->from)) / sum->long2;
+    const cr_vec3 turned = v3_mad(v3_scale(way, sum->long2 / along), sum->way, -1.0f);
+    if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * sum->long2) {
+        sum->top = v3_mad(sum->top, turned, -0.5f * share);
+        sum->bottom += share * share;
+    }
+}
+
+/* Creases of a neighbouring cluster. */
+static void add_turns(turn_sum *sum, const struct cr_img_cluster *c, uint32_t lanes) {
+    for (uint32_t left = lanes & c->crease_mask; left != 0u;) {
         const int j = take_lane(&left);
-        const cr_vec3 other = crease_way(beside, j);
-        const float along = v3_dot(sum->way, other);
-        const float share = v3_dot(sum->way, v3_sub(at_sample(beside, j), sum->from)) / sum->long2;
-        const cr_vec3 turned = v3_mad(v3_scale(other, sum->long2 / along), sum->way, -1.0f);
-        if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * sum->long2) {
-            sum->top = v3_mad(sum->top, turned, -0.5f * share);
-            sum->bottom += share * share;
-        }
+        add_turn(sum, at_sample(c, j), crease_way(c, j));
     }
 }
 
 /* How far creases' pieces bulge beyond the lines between their ends: pieces are straight, and turn from one to the next where it is round. */
 static void find_bulges(const cr_scene *s, const struct cr_img_cluster *c, cr_couple_line *lines) {
-    const uint32_t own = (uint32_t)(c - s->clusters);
+    const uint32_t own = (uint32_t)(c - s->clusters), creases = c->crease_mask;
     turn_sum sums[CR_LANES];
-    for (uint32_t left = c->crease_mask; left != 0u;) {
+    for (uint32_t left = creases; left != 0u;) {
         const int i = take_lane(&left);
         begin_turns(c, i, &sums[i]);
-        add_turns(c, c->beside[i], &sums[i]);
+    }
+    for (uint32_t left = creases; left != 0u;) {
+        const int i = take_lane(&left);
+        for (uint32_t beside = c->beside[i] & creases; beside != 0u;) {
+            const int j = take_lane(&beside);
+            add_turn(&sums[i], sums[j].from, sums[j].way);
+        }
     }
     for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u]; k++) {
         const struct cr_img_neighbour *n = &s->adj[k];
-        for (uint32_t left = n->mine & (uint32_t)c->crease_mask; left != 0u;) {
-            add_turns(&s->clusters[n->cluster], n->theirs, &sums[take_lane(&left)]);
+        for (uint32_t left = n->mine & creases; left != 0u;) {
+            add_turns(&sums[take_lane(&left)], &s->clusters[n->cluster], n->theirs);
         }
     }
-    for (uint32_t left = c->crease_mask; left != 0u;) {
+    for (uint32_t left = creases; left != 0u;) {
         const int i = take_lane(&left);
         lines[i].bend = v3_scale(sums[i].top, sums[i].bottom > 1.0f ? 1.0f / sums[i].bottom : 0.0f);
     }
