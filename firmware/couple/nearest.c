@@ -232,12 +232,18 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
     return leaning;
 }
 
+/* Lanes that are not asked for are where a sample is. */
 static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, uint32_t lanes, const float *share,
                        cr_lanes3 *place, cr_lookup *at) {
+    cr_lanes3 tool;
     for (int i = 0; i < CR_LANES; i++) {
-        const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, &v->found->lines[i], i, share[i]) : at_sample(c, 0);
-        put_place(place, i, xform_point(&v->pose, p));
+        put_place(&tool, i, at_sample(c, 0));
     }
+    for (uint32_t left = lanes; left != 0u;) {
+        const int i = take_lane(&left);
+        put_place(&tool, i, on_piece(c, &v->found->lines[i], i, share[i]));
+    }
+    cr_lanes_to_world(&v->pose, tool.x, tool.y, tool.z, place);
     cr_field_look_up_lanes(v->field, place, lanes, at);
     v->lookups++;
 }
