@@ -90,25 +90,20 @@ def test_tool_that_pegs_hold_at_their_rims_goes_in(data: Path, tmp_path: Path) -
     ],
     ids=["between", "tip"],
 )
-def test_round_edge_is_outside_between_its_samples(
-    lean_rad: float, ways_rad: F64
-) -> None:
+def test_round_edge_is_outside_between_its_samples(lean_rad: float, ways_rad: F64) -> None:
     """Edges of a peg on a table: samples lie on chords of 11 degrees, 0.046 mm inside of the edge above the chamfer.
 
     Of the tip's 26 some have no other of their edge in their cluster: taken as straight they were 0.029 mm inside.
     """
     table, peg = six_shapes.table(), six_shapes.peg()
     meshes = [
-        make_mesh(s.to_mesh().vert_properties, s.to_mesh().tri_verts, 1e-3)
-        for s in (table, peg)
+        make_mesh(s.to_mesh().vert_properties, s.to_mesh().tri_verts, 1e-3) for s in (table, peg)
     ]
     scene, solids = bake(*meshes, voxel_m=1e-3, spacing_m=2e-3), Solids(*meshes)
     z = np.concatenate([np.linspace(42.0, 29.5, 320), np.full(20, 29.5)])
     at_m = 1e-3 * np.column_stack([np.zeros((len(z), 2)), z])
     for way in ways_rad:
-        lean = Rotation.from_rotvec(
-            lean_rad * np.array([np.cos(way), np.sin(way), 0.0])
-        )
+        lean = Rotation.from_rotvec(lean_rad * np.array([np.cos(way), np.sin(way), 0.0]))
         turns = Rotation.from_quat(np.tile(lean.as_quat(), (len(z), 1)))
         path = six_judge.trajectory(six_judge.poses(at_m, turns))
         felt = six_run.run_coupled(scene, (2000.0, 5.0), path)[0]
