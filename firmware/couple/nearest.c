@@ -49,18 +49,31 @@ static cr_vec3 out_there(const cr_couple_line *l, cr_vec3 out, float share) {
     return v3_unit(v3_mad(out, l->way, turn), 0.0f);
 }
 
+/* Outward normals of the samples, tool frame: those of out_of, all at once. */
+static void find_outs(const struct cr_img_cluster *c, cr_lanes3 *out) {
+    for (int i = 0; i < CR_LANES; i++) {
+        const float x = c->ax[i], y = c->ay[i], z = c->az[i], norm = sqrtf(x * x + y * y + z * z);
+        const float scale = norm > 0.0f ? 1.0f / norm : 0.0f;
+        out->x[i] = x * scale;
+        out->y[i] = y * scale;
+        out->z[i] = z * scale;
+    }
+}
+
 /* How far a piece falls away behind its plane at the end of its line. The bow says no more than how far it does somewhere: a cylinder's does not along its
  * axis. How normals turn along the line from the samples beside it tells its bend there. */
-static float drop_of(const struct cr_img_cluster *c, int i, cr_vec3 w) {
-    const cr_vec3 out = out_of(c, i);
-    const float from = v3_dot(w, v3(c->x[i], c->y[i], c->z[i])), turned = v3_dot(w, out), long2 = v3_dot(w, w);
-    float top = 0.0f, bottom = 0.0f;
-    for (uint32_t left = c->bow[i] > 0.0f ? c->beside[i] : 0u; left != 0u;) {
+static float drop_of(const struct cr_img_cluster *c, const cr_lanes3 *out, int i, cr_vec3 w) {
+    const float from = v3_dot(w, at_sample(c, i)), turned = v3_dot(w, lane_of(out, i)), long2 = v3_dot(w, w);
+    float along[CR_LANES], turn[CR_LANES], top = 0.0f, bottom = 0.0f;
+    for (int j = 0; j < CR_LANES; j++) {
+        along[j] = w.x * c->x[j] + w.y * c->y[j] + w.z * c->z[j] - from;
+        turn[j] = w.x * out->x[j] + w.y * out->y[j] + w.z * out->z[j] - turned;
+    }
+    for (uint32_t left = c->beside[i]; left != 0u;) {
         const int j = take_lane(&left);
-        const float d = v3_dot(w, v3(c->x[j], c->y[j], c->z[j])) - from;
         if (c->bow[j] > 0.0f) {
-            top += d * (v3_dot(w, out_of(c, j)) - turned);
-            bottom += d * d;
+            top += along[j] * turn[j];
+            bottom += along[j] * along[j];
         }
     }
     const float least = BESIDE_MIN * c->ramp[i];
@@ -76,55 +89,120 @@ static cr_vec3 crease_way(const struct cr_img_cluster *c, int i) {
     return v3_scale(row, most > 0.0f ? 0.5f / sqrtf(most) : 0.0f);
 }
 
-/* How far a crease's piece bulges beyond the line between its ends: pieces are straight, and turn from one to the next where it is round. */
-static cr_vec3 bulge_of(const struct cr_img_cluster *c, int i) {
-    const cr_vec3 w = crease_way(c, i), from = at_sample(c, i);
-    const float long2 = v3_dot(w, w);
-    cr_vec3 top = v3(0.0f, 0.0f, 0.0f);
-    float bottom = 0.0f;
-    for (uint32_t left = (uint32_t)(c->beside[i] & c->crease_mask); left != 0u;) {
+/* How creases beside one turn from its way: weighted by how far along that they are. */
+typedef struct {
+    cr_vec3 from, way, top;
+    float long2, bottom;
+} turn_sum;
+
+static void begin_turns(const struct cr_img_cluster *c, int i, turn_sum *sum) {
+    sum->from = at_sample(c, i);
+    sum->way = crease_way(c, i);
+    sum->long2 = v3_dot(sum->way, sum->way);
+    sum->top = v3(0.0f, 0.0f, 0.0f);
+    sum->bottom = 0.0f;
+}
+
+static void add_turn(turn_sum *sum, cr_vec3 from, cr_vec3 way) {
+    const float along = v3_dot(sum->way, way), share = v3_dot(sum->way, v3_sub(from, sum->from)) / sum->long2;
+    const cr_vec3 turned = v3_mad(v3_scale(way, sum->long2 / along), sum->way, -1.0f);
+    if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * sum->long2) {
+        sum->top = v3_mad(sum->top, turned, -0.5f * share);
+        sum->bottom += share * share;
+    }
+}
+
+/* Creases of a neighbouring cluster. */
+static void add_turns(turn_sum *sum, const struct cr_img_cluster *c, uint32_t lanes) {
+    for (uint32_t left = lanes & c->crease_mask; left != 0u;) {
         const int j = take_lane(&left);
-        const cr_vec3 other = crease_way(c, j);
-        const float along = v3_dot(w, other), share = v3_dot(w, v3_sub(at_sample(c, j), from)) / long2;
-        const cr_vec3 turned = v3_mad(v3_scale(other, long2 / along), w, -1.0f);
-        if (v3_dot(turned, turned) < BEND_MAX * BEND_MAX * long2) {
-            top = v3_mad(top, turned, -0.5f * share);
-            bottom += share * share;
+        add_turn(sum, at_sample(c, j), crease_way(c, j));
+    }
+}
+
+/* How far creases' pieces bulge beyond the lines between their ends: pieces are straight, and turn from one to the next where it is round. */
+static void find_bulges(const cr_scene *s, const struct cr_img_cluster *c, cr_couple_line *lines) {
+    const uint32_t own = (uint32_t)(c - s->clusters), creases = c->crease_mask;
+    turn_sum sums[CR_LANES];
+    for (uint32_t left = creases; left != 0u;) {
+        const int i = take_lane(&left);
+        begin_turns(c, i, &sums[i]);
+    }
+    for (uint32_t left = creases; left != 0u;) {
+        const int i = take_lane(&left);
+        for (uint32_t beside = c->beside[i] & creases; beside != 0u;) {
+            const int j = take_lane(&beside);
+            add_turn(&sums[i], sums[j].from, sums[j].way);
         }
     }
-    return bottom > 1.0f ? v3_scale(top, 1.0f / bottom) : v3(0.0f, 0.0f, 0.0f);
+    for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u]; k++) {
+        const struct cr_img_neighbour *n = &s->adj[k];
+        for (uint32_t left = n->mine & creases; left != 0u;) {
+            add_turns(&sums[take_lane(&left)], &s->clusters[n->cluster], n->theirs);
+        }
+    }
+    for (uint32_t left = creases; left != 0u;) {
+        const int i = take_lane(&left);
+        lines[i].bend = v3_scale(sums[i].top, sums[i].bottom > 1.0f ? 1.0f / sums[i].bottom : 0.0f);
+    }
 }
 
 void cr_couple_raise(const cr_couple_view *v, const struct cr_img_cluster *c, cr_lanes3 *place) {
     cr_couple_line *lines = v->found->lines;
     for (int i = 0; i < CR_LANES; i++) {
-        lines[i].bend = has_lane(c->crease_mask, i) ? bulge_of(c, i) : v3(0.0f, 0.0f, 0.0f);
+        lines[i].bend = v3(0.0f, 0.0f, 0.0f);
+    }
+    if (c->crease_mask != 0u) {
+        find_bulges(v->field->scene, c, lines);
+    }
+    for (uint32_t left = c->crease_mask; left != 0u;) {
+        const int i = take_lane(&left);
         put_place(place, i, v3_add(lane_of(place, i), xform_rotate(&v->pose, lines[i].bend)));
+    }
+}
+
+static int has_direction(const cr_lookup *at, int i) {
+    const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i];
+    return gx * gx + gy * gy + gz * gz > GRADIENT_MIN * GRADIENT_MIN;
+}
+
+/* Along the gradient: where the pieces of some samples go, as spread_times has it, and how far they reach; nowhere where the gradient tells no direction. */
+static void find_reaches(const xform *m, const struct cr_img_cluster *c, const cr_lookup *at, uint32_t lanes,
+                         cr_lanes3 *way, float *reach_m) {
+    const float flat2 = GRADIENT_MIN * GRADIENT_MIN;
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
+        const float scale = long2 > flat2 ? 1.0f / sqrtf(higher_f(long2, flat2)) : 0.0f;
+        const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
+        const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
+        const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
+        const float wx = c->wxx[i] * x + c->wxy[i] * y + c->wzx[i] * z;
+        const float wy = c->wxy[i] * x + c->wyy[i] * y + c->wyz[i] * z;
+        const float wz = c->wzx[i] * x + c->wyz[i] * y + c->wzz[i] * z;
+        way->x[i] = wx;
+        way->y[i] = wy;
+        way->z[i] = wz;
+        reach_m[i] = 0.5f * sqrtf(higher_f(0.0f, x * wx + y * wy + z * wz));
     }
 }
 
 /* Where the gradient tells no direction a piece is no nearer than its middle, for this step; it may be, for what may sleep. */
 float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
-    const xform *m = &v->pose;
-    const float far = v->trust_m + v->slack_m, flat2 = GRADIENT_MIN * GRADIENT_MIN;
-    float least_m = 1e4f;
-    for (uint32_t left = first_lanes(c->count); left != 0u;) {
+    const uint32_t used = first_lanes(c->count);
+    const float far = v->trust_m + v->slack_m;
+    float least_m = 1e4f, reach_m[CR_LANES];
+    cr_lanes3 way;
+    find_reaches(&v->pose, c, at, used, &way, reach_m);
+    for (uint32_t left = used; left != 0u;) {
         const int i = take_lane(&left);
         const float phi = at->phi_m[i], ramp = has_lane(c->vertex_mask, i) ? 0.0f : c->ramp[i];
         cr_couple_line *l = &v->found->lines[i];
         float down = ramp;
         l->reach_m = ramp;
         if (phi - ramp < far && ramp > 0.0f) {
-            const float gx = at->gx[i], gy = at->gy[i], gz = at->gz[i], long2 = gx * gx + gy * gy + gz * gz;
-            const float scale = long2 > flat2 ? 1.0f / sqrtf(long2) : 0.0f;
-            const float x = scale * (m->r0.x * gx + m->r1.x * gy + m->r2.x * gz);
-            const float y = scale * (m->r0.y * gx + m->r1.y * gy + m->r2.y * gz);
-            const float z = scale * (m->r0.z * gx + m->r1.z * gy + m->r2.z * gz);
-            const cr_vec3 way = spread_times(c, i, v3(x, y, z));
-            const float reach = 0.5f * sqrtf(higher_f(0.0f, x * way.x + y * way.y + z * way.z));
-            l->way = way;
-            l->reach_m = reach;
-            down = (long2 > flat2 ? reach : ramp) + v3_norm(l->bend);
+            l->way = lane_of(&way, i);
+            l->reach_m = reach_m[i];
+            down = (has_direction(at, i) ? reach_m[i] : ramp) + v3_norm(l->bend);
         }
         least_m = lower_f(least_m, phi - down - (phi < 2.0f * v->trust_m ? v->slack_m : v->slack_far_m));
     }
@@ -134,13 +212,15 @@ float cr_couple_find_lines(const cr_couple_view *v, const struct cr_img_cluster 
 /* Lines along which a piece may come near enough to be looked at. */
 static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at) {
     uint32_t leaning = 0u, asked = first_lanes(c->count) & ~(uint32_t)c->vertex_mask;
+    cr_lanes3 out;
+    find_outs(c, &out);
     while (asked != 0u) {
         const int i = take_lane(&asked);
         cr_couple_line *l = &v->found->lines[i];
         if (l->reach_m > LEAN_MIN_M && at->phi_m[i] - l->reach_m < v->margin_m + v->slack_m) {
             l->way = v3_scale(l->way, -0.25f / l->reach_m);
-            if (!has_lane(c->crease_mask, i)) {
-                l->bend = v3_scale(out_of(c, i), drop_of(c, i, l->way));
+            if (c->bow[i] > 0.0f) {
+                l->bend = v3_scale(lane_of(&out, i), drop_of(c, &out, i, l->way));
             }
             l->low.share = 0.0f;
             l->low.phi_m = at->phi_m[i];
@@ -152,12 +232,18 @@ static uint32_t begin_lines(const cr_couple_view *v, const struct cr_img_cluster
     return leaning;
 }
 
+/* Lanes that are not asked for are where a sample is. */
 static void look_up_at(cr_couple_view *v, const struct cr_img_cluster *c, uint32_t lanes, const float *share,
                        cr_lanes3 *place, cr_lookup *at) {
+    cr_lanes3 tool;
     for (int i = 0; i < CR_LANES; i++) {
-        const cr_vec3 p = has_lane(lanes, i) ? on_piece(c, &v->found->lines[i], i, share[i]) : at_sample(c, 0);
-        put_place(place, i, xform_point(&v->pose, p));
+        put_place(&tool, i, at_sample(c, 0));
     }
+    for (uint32_t left = lanes; left != 0u;) {
+        const int i = take_lane(&left);
+        put_place(&tool, i, on_piece(c, &v->found->lines[i], i, share[i]));
+    }
+    cr_lanes_to_world(&v->pose, tool.x, tool.y, tool.z, place);
     cr_field_look_up_lanes(v->field, place, lanes, at);
     v->lookups++;
 }

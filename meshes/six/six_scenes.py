@@ -336,7 +336,7 @@ SCENES: dict[str, Scene] = {
             (200, (0.0, -2.0, 0.0), (0, 0, 0)),
             (200, (0, 0, 0), (0, 0, 0)),
         ),
-        (1.0, 1.5),
+        (0.5, 1.5),
         10.0,
         formula=in_socket,
         how="closed form: back to 0.1 mm from the middle; meshes lie up to 0.0055 mm off the spheres",
