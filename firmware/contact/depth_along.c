@@ -124,12 +124,21 @@ static void begin_ways(cr_way_ways *w, uint32_t lanes) {
     w->parts = 2u * PARTS_OF_LANE * cr_count_lanes(lanes);
 }
 
-/* Ways through one row of planes: the next of those that bound the lanes. */
+/* How far the piece of a lane reaches along the plane of a row. */
+static inline float reach_along(const cr_way_rest *r, int i, const cr_way_rows *e, uint32_t k) {
+    return cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
+}
+
+/* Ways through one row of planes: the next of those that bound the lanes. With vectors the reach is a loop of its own, or neither would be vector code. */
 static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, cr_way_ways *w) {
+    float reach_m[CR_LANES];
     const uint32_t k = w->row++;
+    for (int i = 0; i < CR_LANES && !CR_SCALAR; i++) {
+        reach_m[i] = reach_along(r, i, e, k);
+    }
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float leaves = e->leaves[k][i], h = e->height_m[k][i];
-        const float reach = cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
+        const float reach = CR_SCALAR ? reach_along(r, i, e, k) : reach_m[i];
         const float per = 1.0f / higher_f(leaves, CR_WAY_LEAVES_MIN);
         const int there = leaves > NO_PLANE, bounds = there & ((leaves > CR_WAY_LEAVES_MIN) | (h > 0.0f));
         const float least = there ? -(h + reach) * per : NEVER_M;
