@@ -345,9 +345,9 @@ class Programme:
                     n = sum(plain(c) == what.partition(" > ")[2] for c in block.calls)
                     add({self.blocks[copy, start]: float(n)} if n else {})
                     for at, c in enumerate(block.calls):
-                        column = self.returns.get((copy, start, at))
-                        if column is not None and plain(c) == what.partition(" > ")[2]:
-                            add({column: 1.0})
+                        back = self.returns.get((copy, start, at))
+                        if back is not None and plain(c) == what.partition(" > ")[2]:
+                            add({back: 1.0})
             elif kind == "inlined" and plain(name) == what.partition(" > ")[0]:
                 start = self.code.inlined.get((name, what.partition(" > ")[2]))
                 if start is not None:
