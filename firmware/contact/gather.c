@@ -20,6 +20,7 @@ uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
 
 /* Room for one more zone of this weight: where there is none, that of the lightest. Null when none is lighter. */
 static cr_way_zone *room_for(cr_way_zones *zones, float weight_m3) {
+    zones->layers.parts += PARTS_OF_ROOM;
     if (zones->count < CR_WAY_ZONES_MAX) {
         return &zones->zones[zones->count++];
     }
@@ -102,7 +103,7 @@ static void turn_round(const cr_scene *s, const xform *pose, uint32_t facet, cr_
 static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot, cr_way_layers *l,
                       uint32_t k, uint32_t hit, cr_way_zones *zones) {
     const cr_way_layer *layer = &l->layers[k];
-    const uint32_t lanes = layer->lanes & c->piece_lanes[slot], asked = zones->count + zones->dropped;
+    const uint32_t lanes = layer->lanes & c->piece_lanes[slot];
     cr_way_zone sums;
     sum_lanes(c, lanes, l, layer, &sums);
     const uint32_t felt = cr_way_felt(s, layer->surface);
@@ -127,7 +128,6 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
         }
     }
     l->parts += PARTS_OF_LAYER + PARTS_OF_LANE * cr_count_lanes(lanes) + PARTS_OF_SIDE * (sided ? CR_WAY_SIDES : 1u);
-    l->parts += PARTS_OF_ROOM * (zones->count + zones->dropped - asked);
 }
 
 const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c, const cr_planes *p, cr_planes *one) {

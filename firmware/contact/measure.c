@@ -34,6 +34,9 @@
 #define PARTS_OF_AGREED 2u
 #define PARTS_OF_HALVES 4u
 
+/* Beside sides of a surface, as bits. */
+#define FELT_ROUND (1u << CR_WAY_SIDES)
+
 /* Not filled with zeros: there is one for each plane of each hit. */
 static void set_spots(cr_way_spots *at, const struct cr_img_cluster *c, uint32_t lanes, uint32_t count) {
     at->c = c;
@@ -64,7 +67,7 @@ static void end_surface(const cr_way_survey *s) {
     }
 }
 
-/* The next surface. Returns the sides of it that have a zone, as bits: none, when it is passed over. */
+/* The next surface. Returns the sides of it that have a zone, as bits, with FELT_ROUND where it is a facet that is felt as sides: none, when it is passed over. */
 static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
     const uint32_t felt = cr_way_felt(s->in->field->scene, surface);
     cr_way_work *w = s->work;
@@ -82,7 +85,7 @@ static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
     if (sides == 0u) {
         end_surface(s);
     }
-    return sides;
+    return sides != 0u && felt != surface ? sides | FELT_ROUND : sides;
 }
 
 /* When the work of this tick is done the rest of the sides wait, as half-spaces do. */
@@ -117,9 +120,8 @@ static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
 /* Lanes over a facet, or where no surface is near, each by its part; over a facet of a round surface for its sides, by their share. */
 static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share,
                         const float *part) {
-    const cr_scene *scene = s->in->field->scene;
-    const uint32_t felt = cr_way_felt(scene, index);
-    if (felt != index) {
+    if ((sides & FELT_ROUND) != 0u) {
+        const cr_scene *scene = s->in->field->scene;
         cr_lanes3 *world = &s->scratch->beside;
         const cr_vec3 n = v3_from(scene->facets[index].normal);
         s->work->spent += PARTS_OF_ABOVE;
@@ -128,7 +130,7 @@ static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index
             world->y[i] = n.y;
             world->z[i] = n.z;
         }
-        count_sides(s, at, felt, sides, world, share);
+        count_sides(s, at, cr_way_felt(scene, index), sides & ~FELT_ROUND, world, share);
         return;
     }
     cr_way_count(s, at, index, 0u, part);

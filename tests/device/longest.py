@@ -349,10 +349,10 @@ class Programme:
                         if back is not None and plain(c) == what.partition(" > ")[2]:
                             add({back: 1.0})
             elif kind == "inlined" and plain(name) == what.partition(" > ")[0]:
-                start = self.code.inlined.get((name, what.partition(" > ")[2]))
-                if start is not None:
-                    add({self.blocks[copy, start]: 1.0})
-                    add(self._returns_in(copy, [start]))
+                inner = self.code.inlined.get((name, what.partition(" > ")[2]))
+                if inner is not None:
+                    add({self.blocks[copy, inner]: 1.0})
+                    add(self._returns_in(copy, [inner]))
             elif kind in ("loop", "into", "lanes"):
                 for loop in self._loops.get(name, ()):
                     if what not in (loop.name, loop.name.rpartition(" #")[0]):

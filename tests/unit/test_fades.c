@@ -182,8 +182,54 @@ static void normals_are_one_but_for_rounding(void **state) {
     crt_close(&rig);
 }
 
+/* Where there is no room the lightest zone gives way, but not to one that is lighter still. */
+static void the_lightest_zone_gives_way(void **state) {
+    (void)state;
+    static cr_contact_set set;
+    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
+    cr_planes wall = {.kind = 1u, .count = 1u, .sign = 1.0f, .normal_tool = {{0.0f, 0.0f, 1.0f}}};
+    const float coverage[CR_LANES] = {1.0f}, weights_m3[] = {1.0f, 1e-30f};
+    const uint32_t lightest = 7u;
+    const xform at = xform_from_pose(&(cr_pose){{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}});
+    const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {10e-3, 10e-3, 10e-3};
+    const cr_config config = cr_config_default();
+    crt_tool tool = crt_tool_new(1e-3);
+    crt_rig rig;
+    cr_heights h;
+    crt_add_box(&tool, centre, half);
+    crt_open(&rig, &block, &tool, 2e-3, &config);
+    crt_tool_free(&tool);
+    const struct cr_img_cluster *c = rig.scene.clusters;
+    wall.offset_m[0] = -1e-3f - c->z[0]; /* the first sample is 1 mm deep */
+    cr_planes_measure(&wall, c, &h);
+    for (int kept = 0; kept < 2; kept++) {
+        cr_looked looked = {.c = c, .planes = &wall, .heights = &h, .coverage = coverage, .covered = 1u};
+        memset(&set, 0, sizeof set);
+        set.hit_count = 1u;
+        set.hits[0].covered = 1u;
+        set.way.count = CR_WAY_ZONES_MAX;
+        for (uint32_t z = 0; z < CR_WAY_ZONES_MAX; z++) {
+            set.way.zones[z].key = (cr_way_key){CR_WAY_CURVED | z, 0u, 0u};
+            set.way.zones[z].weight_m3 = z == lightest && kept == 0 ? weights_m3[1] : weights_m3[0];
+        }
+        cr_way_add(&set, 0u, &looked);
+        while (!cr_way_add_more(&rig.field, &at, &set, 0u, &looked)) {
+        }
+        assert_int_equal(set.way.dropped, 1);
+        assert_int_equal(set.way.count, CR_WAY_ZONES_MAX);
+        for (uint32_t z = 0; z < CR_WAY_ZONES_MAX; z++) {
+            const int gone = z == lightest && kept == 0;
+            assert_int_equal(set.way.zones[z].key.surface, gone ? wall.facet[0] : CR_WAY_CURVED | z);
+            assert_true(gone ? set.way.zones[z].weight_m3 > 1e-12f : set.way.zones[z].weight_m3 == 1.0f);
+        }
+        assert_int_equal(set.way.reach[0].zones, kept == 0 ? 1u << lightest : 0u);
+    }
+    crt_close(&rig);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_lightest_zone_gives_way),
         cmocka_unit_test(level_piece_fades_in_over_a_tenth_of_its_width),
         cmocka_unit_test(piece_beside_an_edge_fades_late),
         cmocka_unit_test(surfaces_fade_where_the_bricks_end),

@@ -310,46 +310,6 @@ static void zones_beyond_their_room_are_counted(void **state) {
     crt_close(&rig);
 }
 
-/* Where there is no room the lightest zone gives way, but not to one that is lighter still. */
-static void the_lightest_zone_gives_way(void **state) {
-    (void)state;
-    static cr_contact_set set;
-    const crt_solid block = crt_box(-40e-3, 40e-3, 40e-3, -40e-3, 0.0);
-    cr_planes wall = {.kind = 1u, .count = 1u, .sign = 1.0f, .normal_tool = {{0.0f, 0.0f, 1.0f}}};
-    const float coverage[CR_LANES] = {1.0f}, weights_m3[] = {1.0f, 1e-30f};
-    const uint32_t lightest = 7u;
-    const xform at = xform_from_pose(&(cr_pose){{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}});
-    crt_rig rig;
-    cr_heights h;
-    open_cube(&rig, &block);
-    const struct cr_img_cluster *c = rig.scene.clusters;
-    wall.offset_m[0] = -1e-3f - c->z[0]; /* the first sample is 1 mm deep */
-    cr_planes_measure(&wall, c, &h);
-    for (int kept = 0; kept < 2; kept++) {
-        cr_looked looked = {.c = c, .planes = &wall, .heights = &h, .coverage = coverage, .covered = 1u};
-        memset(&set, 0, sizeof set);
-        set.hit_count = 1u;
-        set.hits[0].covered = 1u;
-        set.way.count = CR_WAY_ZONES_MAX;
-        for (uint32_t z = 0; z < CR_WAY_ZONES_MAX; z++) {
-            set.way.zones[z].key = (cr_way_key){CR_WAY_CURVED | z, 0u, 0u};
-            set.way.zones[z].weight_m3 = z == lightest && kept == 0 ? weights_m3[1] : weights_m3[0];
-        }
-        cr_way_add(&set, 0u, &looked);
-        while (!cr_way_add_more(&rig.field, &at, &set, 0u, &looked)) {
-        }
-        assert_int_equal(set.way.dropped, 1);
-        assert_int_equal(set.way.count, CR_WAY_ZONES_MAX);
-        for (uint32_t z = 0; z < CR_WAY_ZONES_MAX; z++) {
-            const int gone = z == lightest && kept == 0;
-            assert_int_equal(set.way.zones[z].key.surface, gone ? wall.facet[0] : CR_WAY_CURVED | z);
-            assert_true(gone ? set.way.zones[z].weight_m3 > 1e-12f : set.way.zones[z].weight_m3 == 1.0f);
-        }
-        assert_int_equal(set.way.reach[0].zones, kept == 0 ? 1u << lightest : 0u);
-    }
-    crt_close(&rig);
-}
-
 /* Facets that stand for curved surfaces, in cells of several, and bricks that know no surface: by sides of the distance's direction. */
 static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
     (void)state;
@@ -627,7 +587,6 @@ int main(void) {
         cmocka_unit_test(zones_beyond_their_room_are_counted),
         cmocka_unit_test(curved_and_unknown_surfaces_answer_by_sides),
         cmocka_unit_test(planes_of_round_surfaces_answer_by_sides),
-        cmocka_unit_test(the_lightest_zone_gives_way),
         cmocka_unit_test(contacts_beyond_their_room_are_counted),
         cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),
