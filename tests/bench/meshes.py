@@ -81,12 +81,12 @@ clear: share of deep poses whose force, as a shift, is not 0.9 to 1.05 of what l
 not count. Amplification: 99th percentile / largest. Off: force over stiffness of the ball against voxels a third as
 large, mm, RMS / 99th percentile.
 
-| part | ball: not clear | amplification | off | box: not clear | amplified | stylus: not clear | amplification |
+| part | ball: not clear | amplification | off | box: not clear | amplification | stylus: not clear | amplification |
 |---|---|---|---|---|---|---|---|
 """
 LIMITS = """
 Where the force is off by more than the surface moved: on the knob, whose 5,200 patches of knurls are smaller than the
-samples of the ball (more zones than there is room for: which of them count is a matter of order), on the threads of the
+samples of the ball (more zones than there is room for: the lightest are lost), on the threads of the
 screw, and on the impeller and the shaft with noise; why there is not known.
 """
 Floats = NDArray[np.float64]
