@@ -224,6 +224,12 @@ static void the_lightest_zone_gives_way(void **state) {
         }
         assert_int_equal(set.way.reach[0].zones, kept == 0 ? 1u << lightest : 0u);
     }
+    set.way.layers.count = CR_WAY_LAYERS_MAX; /* and a layer that there is no room for is counted */
+    for (uint32_t k = 0; k < CR_WAY_LAYERS_MAX; k++) {
+        set.way.layers.layers[k].surface = CR_WAY_CURVED | k;
+    }
+    cr_way_over_planes(&rig.scene, c, 1u, coverage, &wall, &h, &set.way.layers);
+    assert_int_equal(set.way.layers.dropped, 1);
     crt_close(&rig);
 }
 

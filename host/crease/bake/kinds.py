@@ -24,8 +24,6 @@ class Kinds:
 
     def __init__(self, surface: Surface) -> None:
         self._surface = surface
-        self.bent = np.zeros(len(surface.facet_patch), bool)
-        """Facets of round surfaces: planes, but felt as their patch."""
         self._rows: list[tuple[int, tuple[int, ...]]] = [(int(lib.CR_KIND_EMPTY), ())]
         self._index: dict[tuple[int, tuple[int, ...]], int] = {self._rows[0]: 0}
         self._planes: list[tuple[F64, int, int]] = []
@@ -38,8 +36,7 @@ class Kinds:
         if facet not in self._planar:
             self._planar[facet] = len(self._planes)
             patch = int(self._surface.facet_patch[facet])
-            what = lib.CR_FACET_OF_CURVED if self.bent[facet] else lib.CR_FACET_FLAT
-            self._planes.append((self._surface.facet_plane[facet], patch, int(what)))
+            self._planes.append((self._surface.facet_plane[facet], patch, int(lib.CR_FACET_FLAT)))
         return self._planar[facet]
 
     def curved(self, patch: int) -> int:
