@@ -158,12 +158,12 @@ def test_a_bake_that_is_interrupted_leaves_nothing(
     # A job in the background of a script has SIGINT ignored, and so had this child.
     kept = signal.signal(signal.SIGINT, signal.SIG_DFL)
     child = subprocess.Popen(
-        [str(word) for word in (*command, "--spacing", "0.3mm")], stderr=subprocess.PIPE
+        [str(word) for word in (*command, "--spacing", "0.15mm")], stderr=subprocess.PIPE
     )
     signal.signal(signal.SIGINT, kept)
     while child.poll() is None and not (tmp_path / ".out.crs.lock").exists():
         time.sleep(0.01)
-    time.sleep(2.0)
+    time.sleep(1.0)  # amid a bake
     child.send_signal(number)
     said = child.communicate(timeout=120)[1]
     assert (child.returncode, said) == (1, b"error: interrupted\n")
