@@ -36,9 +36,12 @@ static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *
                             float weight_m3) {
     static const cr_way_zone none = {0};
     const uint32_t found = cr_way_find(zones, key);
-    cr_way_zone *z = found != CR_WAY_NONE ? &zones->zones[found] : room_for(zones, weight_m3);
-    if (found != CR_WAY_NONE || z == NULL) {
-        return z;
+    if (found != CR_WAY_NONE) {
+        return &zones->zones[found];
+    }
+    cr_way_zone *z = room_for(zones, weight_m3);
+    if (z == NULL) {
+        return NULL;
     }
     *z = none;
     z->key = key;
@@ -52,13 +55,14 @@ static cr_way_zone *zone_at(const cr_scene *s, const xform *pose, cr_way_zones *
 
 static void add_vector(cr_vec3 *sum, float w, float x, float y, float z) { *sum = v3_mad(*sum, v3(x, y, z), w); }
 
-/* What some lanes of a layer add to a zone, one after the other: in one order on every target. */
-static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_way_layers *l, const cr_way_layer *layer,
-                      cr_way_zone *z) {
+/* What some lanes of a layer add to a zone, one after the other: in one order on every target. Returns how many they are. */
+static uint32_t sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_way_layers *l,
+                          const cr_way_layer *layer, cr_way_zone *z) {
     static const cr_way_zone none = {0};
     const int flat = layer->surface < CR_WAY_CURVED || layer->surface == CR_WAY_NONE; /* no normals of lanes */
+    uint32_t count = 0u;
     *z = none;
-    while (lanes != 0u) {
+    for (; lanes != 0u; count++) {
         const int i = take_lane(&lanes);
         const float depth = layer->depth_m[i], weight = depth * c->area[i];
         CR_ASSERT(!(depth < 0.0f || layer->coverage[i] < 0.0f));
@@ -75,6 +79,7 @@ static void sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const cr_w
             add_vector(&z->above_m4, c->area[i] * l->full_m[i], n_m.x, n_m.y, n_m.z);
         }
     }
+    return count;
 }
 
 static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32_t hit) {
@@ -91,30 +96,17 @@ static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32
     z->above_m4 = v3_mad(z->above_m4, more->above_m4, part);
 }
 
-/* Lanes over a plane of a round surface: what they know of it. */
-static void turn_round(const cr_scene *s, const xform *pose, uint32_t facet, cr_way_zone *z) {
-    cr_vec3 n;
-    const float offset_m = cr_way_plane(s, pose, facet, &n);
-    z->normal_m3 = v3_scale(n, z->weight_m3);
-    z->above_m4 = v3_scale(n, -(v3_dot(n, z->centre_m4) + offset_m * z->weight_m3));
-}
-
-/* The lanes of a layer that belong to one piece of the tool. */
-static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot, cr_way_layers *l,
-                      uint32_t k, uint32_t hit, cr_way_zones *zones) {
+/* The lanes of a layer that belong to one piece of the tool. Returns the work, in parts, beside that for room. */
+static uint32_t add_layer(const cr_scene *s, const xform *pose, const struct cr_img_cluster *c, int slot,
+                          const cr_way_layers *l, uint32_t k, uint32_t hit, cr_way_zones *zones) {
     const cr_way_layer *layer = &l->layers[k];
-    const uint32_t lanes = layer->lanes & c->piece_lanes[slot];
     cr_way_zone sums;
-    sum_lanes(c, lanes, l, layer, &sums);
-    const uint32_t felt = cr_way_felt(s, layer->surface);
-    const int sided = layer->side == CR_WAY_SIDES || felt != layer->surface;
-    if (felt != layer->surface) {
-        turn_round(s, pose, layer->surface, &sums);
-    }
+    const uint32_t lanes = sum_lanes(c, layer->lanes & c->piece_lanes[slot], l, layer, &sums);
+    const int sided = layer->side == CR_WAY_SIDES;
     const cr_vec3 mean = sided ? xform_rotate(pose, sums.normal_m3) : v3(0.0f, 0.0f, 0.0f);
     for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
         const float part = sided ? cr_way_share(mean, side) : 1.0f;
-        const cr_way_key key = {felt, side, c->piece[slot]};
+        const cr_way_key key = {layer->surface, side, c->piece[slot]};
         /* not a number is kept: it is a fault in the end */
         const float weight_m3 = part * sums.weight_m3;
         cr_way_zone *z = weight_m3 <= 0.0f ? NULL : zone_at(s, pose, zones, key, layer->patch, weight_m3);
@@ -127,7 +119,7 @@ static void add_layer(const cr_scene *s, const xform *pose, const struct cr_img_
             break;
         }
     }
-    l->parts += PARTS_OF_LAYER + PARTS_OF_LANE * cr_count_lanes(lanes) + PARTS_OF_SIDE * (sided ? CR_WAY_SIDES : 1u);
+    return PARTS_OF_LAYER + PARTS_OF_LANE * lanes + PARTS_OF_SIDE * (sided ? CR_WAY_SIDES : 1u);
 }
 
 const cr_planes *cr_way_alone(const cr_scene *s, const struct cr_img_cluster *c, const cr_planes *p, cr_planes *one) {
@@ -140,7 +132,8 @@ static void add_one_layer(const cr_scene *s, const xform *pose, cr_contact_set *
     const struct cr_img_cluster *c = &s->clusters[set->hits[hit].cluster];
     cr_way_layers *l = &set->way.layers;
     for (int slot = 0; slot < CR_PIECES && c->piece[slot] != CR_PIECE_NONE; slot++) {
-        add_layer(s, pose, c, slot, l, k, hit, &set->way);
+        const uint32_t parts = add_layer(s, pose, c, slot, l, k, hit, &set->way); /* adds that for room itself */
+        l->parts += parts;
     }
 }
 

@@ -258,7 +258,7 @@ static void fill_looked_up(const cr_field *f, const xform *pose, const cr_way_fa
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
-        if (facet->curved == CR_FACET_CURVED) {
+        if (facet->curved) {
             fill_sides(out, pose, CR_WAY_CURVED | facet->patch, facet->patch, i, on->normal[k], depth_m * share,
                        coverage * share);
         } else {
@@ -286,7 +286,7 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
             return CR_WAY_NONE;
         }
         const struct cr_img_facet *facet = &f->scene->facets[kind->facet[0]];
-        const uint32_t surface = facet->curved == CR_FACET_CURVED ? CR_WAY_CURVED | facet->patch : kind->facet[0];
+        const uint32_t surface = facet->curved ? CR_WAY_CURVED | facet->patch : kind->facet[0];
         if (common != CR_WAY_NONE && surface != common) {
             return CR_WAY_NONE;
         }
@@ -383,7 +383,7 @@ static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_
             const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
             const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
             const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
-            if (facet->curved != CR_FACET_CURVED && height < 0.0f) {
+            if (facet->curved == 0u && height < 0.0f) {
                 reach_to(&out->reach, m_tool, cr_way_half_width(c, i, m_tool) - height);
             }
         }
