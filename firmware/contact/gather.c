@@ -82,6 +82,7 @@ static uint32_t sum_lanes(const struct cr_img_cluster *c, uint32_t lanes, const 
     return count;
 }
 
+/* A flat zone has no sums of normals. */
 static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32_t hit) {
     if (part * more->deep_m > z->deep_m) {
         z->deep_m = part * more->deep_m;
@@ -92,8 +93,18 @@ static void add_part(cr_way_zone *z, const cr_way_zone *more, float part, uint32
     z->push_m3 = v3_mad(z->push_m3, more->push_m3, part);
     z->turn_m4 = v3_mad(z->turn_m4, more->turn_m4, part);
     z->centre_m4 = v3_mad(z->centre_m4, more->centre_m4, part);
-    z->normal_m3 = v3_mad(z->normal_m3, more->normal_m3, part);
-    z->above_m4 = v3_mad(z->above_m4, more->above_m4, part);
+    if (z->flat == 0u) {
+        z->normal_m3 = v3_mad(z->normal_m3, more->normal_m3, part);
+        z->above_m4 = v3_mad(z->above_m4, more->above_m4, part);
+    }
+}
+
+/* Lanes over a plane of a round surface: what they know of it. */
+static void turn_round(const cr_scene *s, const xform *pose, uint32_t facet, cr_way_zone *z) {
+    cr_vec3 n;
+    const float offset_m = cr_way_plane(s, pose, facet, &n);
+    z->normal_m3 = v3_scale(n, z->weight_m3);
+    z->above_m4 = v3_scale(n, -(v3_dot(n, z->centre_m4) + offset_m * z->weight_m3));
 }
 
 /* The lanes of a layer that belong to one piece of the tool. Returns the work, in parts, beside that for room. */
@@ -102,11 +113,15 @@ static uint32_t add_layer(const cr_scene *s, const xform *pose, const struct cr_
     const cr_way_layer *layer = &l->layers[k];
     cr_way_zone sums;
     const uint32_t lanes = sum_lanes(c, layer->lanes & c->piece_lanes[slot], l, layer, &sums);
-    const int sided = layer->side == CR_WAY_SIDES;
+    const uint32_t felt = cr_way_felt(s, layer->surface);
+    const int sided = layer->side == CR_WAY_SIDES || felt != layer->surface;
+    if (felt != layer->surface) {
+        turn_round(s, pose, layer->surface, &sums);
+    }
     const cr_vec3 mean = sided ? xform_rotate(pose, sums.normal_m3) : v3(0.0f, 0.0f, 0.0f);
     for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
         const float part = sided ? cr_way_share(mean, side) : 1.0f;
-        const cr_way_key key = {layer->surface, side, c->piece[slot]};
+        const cr_way_key key = {felt, side, c->piece[slot]};
         /* not a number is kept: it is a fault in the end */
         const float weight_m3 = part * sums.weight_m3;
         cr_way_zone *z = weight_m3 <= 0.0f ? NULL : zone_at(s, pose, zones, key, layer->patch, weight_m3);

@@ -124,12 +124,15 @@ struct cr_img_kind {
     uint32_t facet[CR_KIND_FACETS_MAX]; /* index into facets[] */
 };
 
+/* A plane; one that stands for a curved patch, only nominal; a plane of a curved patch, at a crease: zones are those of the patch. */
+enum { CR_FACET_FLAT = 0u, CR_FACET_CURVED = 1u, CR_FACET_OF_CURVED = 2u };
+
 /* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. */
 struct cr_img_facet {
     float normal[3];
     float offset_m;
     uint32_t patch;  /* smooth piece of the surface it belongs to */
-    uint32_t curved; /* 1: stands for a curved patch, the plane is only nominal */
+    uint32_t curved; /* CR_FACET_* */
 };
 
 enum { CR_PAIR_CONVEX = 1u, CR_PAIR_CONCAVE = 2u };

@@ -100,7 +100,8 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
         const part p = part_below(c, i, n, height_m[i]);
         out->depth_m[i] = has_lane(lanes, i) ? p.depth_m : out->depth_m[i]; /* others may be known from another cell */
         out->coverage[i] = has_lane(lanes, i) ? p.share : out->coverage[i];
-        deep = higher_f(deep, (float)((near >> i) & 1u) * deepest(c, i, p, height_m[i]));
+        const float on = CR_SCALAR ? 1.0f : (float)((near >> i) & 1u);
+        deep = higher_f(deep, on * deepest(c, i, p, height_m[i]));
     }
     out->lanes |= lanes;
     reach_to(reach, n, deep);
@@ -258,7 +259,7 @@ static void fill_looked_up(const cr_field *f, const xform *pose, const cr_way_fa
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
-        if (facet->curved) {
+        if (facet->curved == CR_FACET_CURVED) {
             fill_sides(out, pose, CR_WAY_CURVED | facet->patch, facet->patch, i, on->normal[k], depth_m * share,
                        coverage * share);
         } else {
@@ -286,7 +287,7 @@ uint32_t cr_way_common(const cr_field *f, const cr_lookup *at, uint32_t lanes) {
             return CR_WAY_NONE;
         }
         const struct cr_img_facet *facet = &f->scene->facets[kind->facet[0]];
-        const uint32_t surface = facet->curved ? CR_WAY_CURVED | facet->patch : kind->facet[0];
+        const uint32_t surface = facet->curved == CR_FACET_CURVED ? CR_WAY_CURVED | facet->patch : kind->facet[0];
         if (common != CR_WAY_NONE && surface != common) {
             return CR_WAY_NONE;
         }
@@ -383,7 +384,7 @@ static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_
             const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
             const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
             const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
-            if (facet->curved == 0u && height < 0.0f) {
+            if (facet->curved != CR_FACET_CURVED && height < 0.0f) {
                 reach_to(&out->reach, m_tool, cr_way_half_width(c, i, m_tool) - height);
             }
         }

@@ -7,7 +7,8 @@
 /* Work, in parts of a unit: a hit that is looked up again, beside its lookup; a step, whatever it does; a zone that a hit is asked for, a half-space that
  * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, twice for a cell, and that is begun, beside zones that might be of it; a
  * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a
- * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more. */
+ * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more, or
+ * above one of a round surface. */
 #define PARTS_OF_LOOKUP 96u
 #define PARTS_OF_STEP 10u
 #define PARTS_OF_ASKED 3u
@@ -32,6 +33,9 @@
 #define PARTS_OF_SAME 1u
 #define PARTS_OF_AGREED 2u
 #define PARTS_OF_HALVES 4u
+
+/* Beside sides of a surface, as bits. */
+#define FELT_ROUND (1u << CR_WAY_SIDES)
 
 /* Not filled with zeros: there is one for each plane of each hit. */
 static void set_spots(cr_way_spots *at, const struct cr_img_cluster *c, uint32_t lanes, uint32_t count) {
@@ -63,8 +67,9 @@ static void end_surface(const cr_way_survey *s) {
     }
 }
 
-/* The next surface. Returns the sides of it that have a zone, as bits: none, when it is passed over. */
+/* The next surface. Returns the sides of it that have a zone, as bits, with FELT_ROUND where it is a facet that is felt as sides: none, when it is passed over. */
 static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
+    const uint32_t felt = cr_way_felt(s->in->field->scene, surface);
     cr_way_work *w = s->work;
     uint32_t sides = 0u;
     if (is_passed(s, 1u)) {
@@ -74,17 +79,61 @@ static uint32_t begin_surface(const cr_way_survey *s, uint32_t surface) {
     w->seen = 0u;
     for (uint32_t z = 0; z < s->zones->count; z++) {
         const cr_way_key *k = &s->zones->zones[z].key;
-        sides |= (uint32_t)(k->surface == surface) << k->side;
+        sides |= (uint32_t)(k->surface == felt) << k->side;
     }
     w->spent += PARTS_OF_SURFACE + s->zones->count / 2u;
     if (sides == 0u) {
         end_surface(s);
     }
-    return sides;
+    return sides != 0u && felt != surface ? sides | FELT_ROUND : sides;
 }
 
-static void count_surface(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, const float *part) {
-    cr_way_count(s, at, surface, 0u, part);
+/* When the work of this tick is done the rest of the sides wait, as half-spaces do. */
+static int ends_at_side(const cr_way_survey *s) {
+    const int waits = cr_way_waits(s);
+    s->work->seen += (uint32_t)waits;
+    return waits;
+}
+
+/* Lanes over a round surface, by their share, for those sides that have a zone and their normals a part of. */
+static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
+                        const cr_lanes3 *world, const float *share) {
+    const uint32_t lanes = at->lanes, count = cr_count_lanes(lanes);
+    float part[CR_LANES];
+    while (sides != 0u && !ends_at_side(s)) {
+        const uint32_t side = (uint32_t)take_lane(&sides);
+        uint32_t on = 0u;
+        s->work->spent += PARTS_OF_SHARE * (1u + count);
+        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+            const float its = share[i] * cr_way_share(lane_of(world, i), side);
+            part[i] = lower_f(1.0f, its / SIDE_FULL);
+            on |= (uint32_t)(its > 0.0f) << i;
+        }
+        at->lanes = lanes & on;
+        if (at->lanes != 0u) {
+            cr_way_count(s, at, surface, side, part);
+        }
+    }
+    end_surface(s);
+}
+
+/* Lanes over a facet, or where no surface is near, each by its part; over a facet of a round surface for its sides, by their share. */
+static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share,
+                        const float *part) {
+    if ((sides & FELT_ROUND) != 0u) {
+        const cr_scene *scene = s->in->field->scene;
+        cr_lanes3 *world = &s->scratch->beside;
+        const cr_vec3 n = v3_from(scene->facets[index].normal);
+        s->work->spent += PARTS_OF_ABOVE;
+        for (int i = 0; i < CR_LANES; i++) {
+            world->x[i] = n.x;
+            world->y[i] = n.y;
+            world->z[i] = n.z;
+        }
+        count_sides(s, at, cr_way_felt(scene, index), sides & ~FELT_ROUND, world, share);
+        return;
+    }
+    cr_way_count(s, at, index, 0u, part);
     end_surface(s);
 }
 
@@ -92,8 +141,8 @@ static void count_surface(const cr_way_survey *s, cr_way_spots *at, uint32_t sur
 static void over_solid(const cr_way_survey *s, const struct cr_img_cluster *c, uint32_t lanes, const cr_planes *p,
                        const cr_heights *h) {
     for (uint32_t top = 0; top < p->count; top++) {
-        const uint32_t its = lanes & h->highest[top];
-        if (its == 0u || begin_surface(s, p->facet[top]) == 0u) {
+        const uint32_t its = lanes & h->highest[top], sides = its != 0u ? begin_surface(s, p->facet[top]) : 0u;
+        if (sides == 0u) {
             continue;
         }
         cr_way_spots at;
@@ -102,7 +151,7 @@ static void over_solid(const cr_way_survey *s, const struct cr_img_cluster *c, u
             const uint32_t to = k == top ? 0u : k == 0u ? top : k;
             at.planes[to] = (cr_way_known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
         }
-        count_surface(s, &at, p->facet[top], whole);
+        count_facet(s, &at, p->facet[top], sides, whole, whole);
     }
 }
 
@@ -111,7 +160,8 @@ static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c,
                          const cr_heights *h) {
     float height_m[CR_LANES] = {0.0f};
     for (uint32_t k = 0; k < p->count; k++) {
-        if (begin_surface(s, p->facet[k]) == 0u) {
+        const uint32_t sides = begin_surface(s, p->facet[k]);
+        if (sides == 0u) {
             continue;
         }
         cr_way_spots at;
@@ -122,7 +172,7 @@ static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c,
         }
         at.lanes &= lanes;
         at.planes[0] = (cr_way_known){p->facet[k], 0, v3_scale(p->normal_tool[k], -1.0f), height_m};
-        count_surface(s, &at, p->facet[k], whole);
+        count_facet(s, &at, p->facet[k], sides, whole, whole);
     }
 }
 
@@ -139,51 +189,25 @@ static void over_planes(const cr_way_survey *s, const struct cr_img_cluster *c, 
     }
 }
 
-/* When the work of this tick is done the rest of the sides wait, as half-spaces do. */
-static int ends_at_side(const cr_way_survey *s) {
-    const int waits = cr_way_waits(s);
-    s->work->seen += (uint32_t)waits;
-    return waits;
-}
-
-/* Lanes over a curved surface, each by its own plane, for those sides that have a zone and their normals a part of. */
+/* Lanes over a curved surface, each by its own plane. */
 static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
                         const cr_lanes3 *world, const float *share) {
-    float part[CR_LANES];
     at->planes[0] = (cr_way_known){CR_FACET_NONE, 1, v3(0.0f, 0.0f, 0.0f), s->scratch->look.phi_m};
     at->normal = &s->scratch->beside;
     cr_way_normals(s->in->world_from_tool, world->x, world->y, world->z, at->lanes, &s->scratch->beside);
-    const uint32_t lanes = cr_count_lanes(at->lanes);
-    s->work->spent += PARTS_OF_TURNED * lanes;
-    while (sides != 0u && !ends_at_side(s)) {
-        const uint32_t side = (uint32_t)take_lane(&sides);
-        uint32_t on = 0u;
-        s->work->spent += PARTS_OF_SHARE * (1u + lanes);
-        for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
-            const float its = share[i] * cr_way_share(lane_of(world, i), side);
-            part[i] = lower_f(1.0f, its / SIDE_FULL);
-            on |= (uint32_t)(its > 0.0f) << i;
-        }
-        cr_way_spots some;
-        set_spots(&some, at->c, at->lanes & on, 1u);
-        some.normal = at->normal;
-        some.planes[0] = at->planes[0];
-        if (some.lanes != 0u) {
-            cr_way_count(s, &some, surface, side, part);
-        }
-    }
-    end_surface(s);
+    s->work->spent += PARTS_OF_TURNED * cr_count_lanes(at->lanes);
+    count_sides(s, at, surface, sides, world, share);
 }
 
 /* Lanes over a facet that is not curved. */
-static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, const float *share) {
+static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share) {
     float height_m[CR_LANES], part[CR_LANES];
     const cr_vec3 n = cr_way_heights(s->in->field->scene, s->in->world_from_tool, at->c, index, height_m);
     for (int i = 0; i < CR_LANES; i++) {
         part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
     }
     at->planes[0] = (cr_way_known){index, 0, n, height_m};
-    count_surface(s, at, index, part);
+    count_facet(s, at, index, sides, share, part);
 }
 
 /* Lanes that were looked up, on one surface, by their share. */
@@ -196,7 +220,7 @@ static void over_surface(const cr_way_survey *s, const struct cr_img_cluster *c,
     }
     set_spots(&at, c, lanes, 1u);
     if (surface < CR_WAY_CURVED) {
-        over_flat(s, &at, surface, share);
+        over_flat(s, &at, surface, sides, share);
     } else {
         over_curved(s, &at, surface, sides, world, share);
     }
@@ -232,8 +256,9 @@ static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c,
     cr_way_spots at;
     set_spots(&at, c, lanes, 0u);
     at.planes[0] = (cr_way_known){CR_FACET_NONE, 0, none, look->phi_m};
-    if (begin_surface(s, CR_WAY_NONE) != 0u) {
-        count_surface(s, &at, CR_WAY_NONE, whole);
+    const uint32_t sides = begin_surface(s, CR_WAY_NONE);
+    if (sides != 0u) {
+        count_facet(s, &at, CR_WAY_NONE, sides, whole, whole);
     }
 }
 
@@ -255,7 +280,8 @@ static void share_cells(const cr_way_survey *s, uint32_t lanes) {
         }
         for (uint32_t k = 0; k < its.count; k++) {
             const struct cr_img_facet *facet = &f->scene->facets[its.facet[k]];
-            share_lane(on, facet->curved ? CR_WAY_CURVED | facet->patch : its.facet[k], i, its.share[k], its.normal[k]);
+            share_lane(on, facet->curved == CR_FACET_CURVED ? CR_WAY_CURVED | facet->patch : its.facet[k], i,
+                       its.share[k], its.normal[k]);
         }
         s->work->spent += its.count * (2u * PARTS_OF_FACET + on->count) / 2u;
     }

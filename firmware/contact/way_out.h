@@ -17,6 +17,12 @@ static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_
     return 0.5f * CR_WAY_REACH * piece_width(c, i, n) + c->reach[i];
 }
 
+/* Purpose  what a facet is felt as: itself, or where it is a plane of a round surface, sides of that as CR_WAY_CURVED with the patch. */
+static inline uint32_t cr_way_felt(const cr_scene *scene, uint32_t surface) {
+    const struct cr_img_facet *f = surface < CR_WAY_CURVED ? &scene->facets[surface] : NULL;
+    return f != NULL && f->curved == CR_FACET_OF_CURVED ? CR_WAY_CURVED | f->patch : surface;
+}
+
 /* Purpose  zone of a key, or CR_WAY_NONE. */
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key);
 
@@ -25,8 +31,7 @@ typedef struct {
     uint32_t count;
     uint32_t facet[CR_KIND_FACETS_MAX];
     float share[CR_KIND_FACETS_MAX];
-    cr_vec3 normal
-        [CR_KIND_FACETS_MAX]; /* world frame, unit: the facet's, or where it is alone the gradient, which knows how it bends */
+    cr_vec3 normal[CR_KIND_FACETS_MAX]; /* world frame, unit: the facet's, or the gradient, which knows how it bends */
 } cr_way_facets;
 
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);

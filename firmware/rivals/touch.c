@@ -30,7 +30,7 @@ static cr_touch *find_touch(touching *w, uint32_t first, uint32_t facet) {
     }
     cr_touch *touch = &w->set->touches[w->set->touch_count++];
     touch->hit = (uint16_t)(w->set->hit_count - 1u);
-    touch->mixed = (uint16_t)facets[facet].curved;
+    touch->mixed = (uint16_t)(facets[facet].curved == CR_FACET_CURVED);
     touch->facet = facet;
     touch->area_m2 = 0.0f;
     touch->normal_sum_m2 = v3(0.0f, 0.0f, 0.0f);
@@ -110,7 +110,7 @@ static void touch_surface(touching *w, uint32_t first, const cr_lookup *at, int 
     }
     const struct cr_img_facet *facet = &w->scene->facets[index];
     cr_vec3 gradient = v3(at->gx[lane], at->gy[lane], at->gz[lane]);
-    cr_vec3 normal = facet->curved ? v3_unit(gradient, 1e-3f) : v3_from(facet->normal);
+    cr_vec3 normal = facet->curved == CR_FACET_CURVED ? v3_unit(gradient, 1e-3f) : v3_from(facet->normal);
     cr_touch *touch = find_touch(w, first, index);
     if (touch == NULL) {
         return;
@@ -149,7 +149,8 @@ static uint32_t common_facet(const touching *w, const cr_looked *l, uint32_t lan
         }
         const struct cr_img_kind *kind = &s->kinds[cr_field_kind(w->field, l->at, i)];
         uint32_t facet = kind->facet[0];
-        if (kind->count != 1u || s->facets[facet].curved || (common != CR_FACET_NONE && facet != common)) {
+        if (kind->count != 1u || s->facets[facet].curved == CR_FACET_CURVED ||
+            (common != CR_FACET_NONE && facet != common)) {
             return CR_FACET_NONE;
         }
         common = facet;

@@ -56,4 +56,13 @@ def test_facets_that_no_brick_sees_alone_are_round() -> None:
     seen[1, 8, 8, 8] = seen[0, 0, 0, 0]
     expected = ~inner
     expected[seen[0, 0, 0, 0]] = True
-    np.testing.assert_array_equal(flat_facets(surface, seen), expected)
+    flat, felt_as_patch = flat_facets(surface, seen)
+    np.testing.assert_array_equal(flat, expected)
+    assert (
+        not felt_as_patch.any()
+    )  # one that fills a brick: its neighbours at the rim are planes as well
+    seen[0] = seen[1]
+    flat, felt_as_patch = flat_facets(surface, seen)
+    expected[np.flatnonzero(inner)[0]] = False
+    np.testing.assert_array_equal(flat, expected)
+    np.testing.assert_array_equal(felt_as_patch, (surface.facet_patch == top) & ~inner)

@@ -499,7 +499,7 @@ static void scene_refuses_words_without_meaning(void **state) {
         uint32_t word;
     } bad[] = {{CR_SEC_TOP, 0, CR_TOP_FAR | band},
                {CR_SEC_SAMPLES, 0, 0x8000u},
-               {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), 2u},
+               {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), 3u},
                {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 0u},
                {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 4u},
                {CR_SEC_EDGES, offsetof(struct cr_img_edge, label), 3u},

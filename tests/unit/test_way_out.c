@@ -1,5 +1,6 @@
 /* The response way_out: what it pushes with leads out, and just out, at walls, edges and corners, for tools of any number of pieces. */
 #include "contact/way_out.h"
+#include "contact/world.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -337,6 +338,38 @@ static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
     }
 }
 
+/* Planes of round surfaces have zones by sides, and push as the planes that they are. */
+static void planes_of_round_surfaces_answer_by_sides(void **state) {
+    (void)state;
+    const crt_solid solids[] = {crt_box(-12e-3, 12e-3, 12e-3, -12e-3, 12e-3),
+                                crt_room(-30e-3, 20e-3, 30e-3, -30e-3, 20e-3)};
+    const cr_pose poses[] = {crt_pose(0.0, 0.0, 12e-3 + HALF_M - 1e-3), crt_pose(0.0, 0.0, 20e-3 - HALF_M + 1e-3)};
+    for (size_t s = 0; s < 4u; s++) {
+        const cr_config config = way_out();
+        crt_rig rig;
+        open_cube(&rig, &solids[s & 1u]);
+        struct cr_img_facet *facet = crt_section(rig.image, CR_SEC_FACETS);
+        if (s >= 2u) {
+            crt_forget_planes(&rig);
+        }
+        const cr_output plane = tick(&rig, &poses[s & 1u]);
+        for (uint32_t i = 0; i < rig.scene.facet_count; i++) {
+            facet[i].curved = CR_FACET_OF_CURVED;
+        }
+        reopen(&rig, &config);
+        const cr_output out = tick(&rig, &poses[s & 1u]);
+        const cr_way_zones *zones = &rig.world->set.way;
+        assert_true(zones->count > 0u);
+        for (uint32_t z = 0; z < zones->count; z++) {
+            assert_true((zones->zones[z].key.surface & CR_WAY_CURVED) != 0u && zones->zones[z].flat == 0u);
+        }
+        assert_true(fabs(fabs((double)out.force_world_N.z) - 1.0) < 0.1);
+        assert_true(v3_norm(v3_sub(out.force_world_N, plane.force_world_N)) < 1e-3f);
+        press_anyhow(&rig, &solids[s & 1u], 22e-3, 8u);
+        crt_close(&rig);
+    }
+}
+
 /* Two walls and room for one contact: the other is counted. */
 static void contacts_beyond_their_room_are_counted(void **state) {
     (void)state;
@@ -553,6 +586,7 @@ int main(void) {
         cmocka_unit_test(mixed_cells_answer_as_their_planes_do),
         cmocka_unit_test(zones_beyond_their_room_are_counted),
         cmocka_unit_test(curved_and_unknown_surfaces_answer_by_sides),
+        cmocka_unit_test(planes_of_round_surfaces_answer_by_sides),
         cmocka_unit_test(contacts_beyond_their_room_are_counted),
         cmocka_unit_test(lanes_of_two_cells_behind_one_wall_all_count),
         cmocka_unit_test(exits_that_are_the_same_are_one),

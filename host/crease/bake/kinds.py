@@ -24,6 +24,8 @@ class Kinds:
 
     def __init__(self, surface: Surface) -> None:
         self._surface = surface
+        self.bent = np.zeros(len(surface.facet_patch), bool)
+        """Facets of round surfaces: planes, but felt as their patch."""
         self._rows: list[tuple[int, tuple[int, ...]]] = [(int(lib.CR_KIND_EMPTY), ())]
         self._index: dict[tuple[int, tuple[int, ...]], int] = {self._rows[0]: 0}
         self._planes: list[tuple[F64, int, int]] = []
@@ -36,7 +38,8 @@ class Kinds:
         if facet not in self._planar:
             self._planar[facet] = len(self._planes)
             patch = int(self._surface.facet_patch[facet])
-            self._planes.append((self._surface.facet_plane[facet], patch, 0))
+            what = lib.CR_FACET_OF_CURVED if self.bent[facet] else lib.CR_FACET_FLAT
+            self._planes.append((self._surface.facet_plane[facet], patch, int(what)))
         return self._planar[facet]
 
     def curved(self, patch: int) -> int:
@@ -44,7 +47,7 @@ class Kinds:
         if patch not in self._curved:
             self._curved[patch] = len(self._planes)
             mine = self._surface.facet_patch == patch
-            self._planes.append((self._mean(np.flatnonzero(mine)), patch, 1))
+            self._planes.append((self._mean(np.flatnonzero(mine)), patch, int(lib.CR_FACET_CURVED)))
         return self._curved[patch]
 
     def local(self, facets: npt.NDArray[np.int64], patch: int) -> int:
@@ -52,7 +55,7 @@ class Kinds:
         key = patch, facets.tobytes()
         if key not in self._local:
             self._local[key] = len(self._planes)
-            self._planes.append((self._mean(facets), patch, 1))
+            self._planes.append((self._mean(facets), patch, int(lib.CR_FACET_CURVED)))
         return self._local[key]
 
     def _mean(self, facets: npt.NDArray[Any]) -> F64:
@@ -144,7 +147,7 @@ class Kinds:
 
     def is_curved(self, facet: int) -> bool:
         """Whether a facet of the image stands for several of the mesh."""
-        return bool(self._planes[facet][2])
+        return self._planes[facet][2] == int(lib.CR_FACET_CURVED)
 
     def planes_of(self, facets: tuple[int, ...]) -> F64:
         """Planes of facets of the image, (n, 4)."""

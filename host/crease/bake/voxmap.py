@@ -101,7 +101,7 @@ class CellSorter:
 
         Shapes: where (n, 3) brick indices x, y, z; phi, facet (n, 9, 9, 9); result (n, 8, 8, 8), z, y, x.
         """
-        self._flat = flat_facets(self._surface, facet)
+        self._flat, self.kinds.bent = flat_facets(self._surface, facet)
         result, hard = self.sort_plain(where, phi, facet)
         work.begin("creases", len(hard))
         if len(hard):
@@ -275,11 +275,15 @@ class CellSorter:
         return tuple(rows)
 
 
-def flat_facets(surface: Surface, facet: I32) -> npt.NDArray[np.bool_]:
-    """Facets that are felt as planes: alone in their patch, at a crease, or all that some brick sees.
+def flat_facets(
+    surface: Surface, facet: I32
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Facets whose distances are those of planes: alone in their patch, at a crease, or all that some brick sees.
 
     The others are facets of a round surface, and are felt as the patch in all of their cells: where some were planes,
-    the force would jump as samples come from the ones to the others. Shapes: facet (bricks, 9, 9, 9).
+    the force would jump as samples come from the ones to the others. Of a patch none of whose facets fills a brick,
+    those that are planes for the crease are felt as the patch too, with distances of planes: second result.
+    Shapes: facet (bricks, 9, 9, 9).
     """
     triangles, patch = surface.mesh.triangles, surface.patch_of[:, None]
     low = np.full(surface.counts["vertices"], surface.counts["patches"])
@@ -287,10 +291,12 @@ def flat_facets(surface: Surface, facet: I32) -> npt.NDArray[np.bool_]:
     np.minimum.at(low, triangles, patch)
     np.maximum.at(high, triangles, patch)
     flat = np.asarray(np.bincount(surface.facet_patch)[surface.facet_patch] == 1)
-    flat[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
     seen = facet.reshape(len(facet), -1)
     flat[seen[(seen == seen[:, :1]).all(axis=1), 0]] = True
-    return flat
+    at_crease = np.zeros_like(flat)
+    at_crease[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
+    wide = np.bincount(surface.facet_patch[flat], minlength=surface.counts["patches"]) > 0
+    return flat | at_crease, at_crease & ~wide[surface.facet_patch]
 
 
 def _sets(facet: I32) -> list[tuple[int, ...]]:
