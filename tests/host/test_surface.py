@@ -8,7 +8,7 @@ import igl
 import numpy as np
 import pytest
 import trimesh
-from crease.bake.surface import make_surface
+from crease.bake.surface import join_small, make_surface
 from crease.mesh.mesh import load_mesh, make_mesh
 from numpy.typing import NDArray
 
@@ -63,3 +63,42 @@ def test_distances_from_a_mesh_too_large_for_the_cache_are_those_of_libigl() -> 
     corners, faces = mesh.vertices_m, mesh.triangles.astype(np.int64)
     theirs = np.sqrt(igl.point_mesh_squared_distance(points, corners, faces)[0])
     np.testing.assert_allclose(np.abs(ours), theirs, rtol=0, atol=TOLERANCE_M)
+
+
+def knurled(teeth: int) -> trimesh.Trimesh:
+    """A block of 20 mm; amid its top teeth x teeth pyramids of 1 mm and 45 degrees, into each other."""
+    at = np.arange(0.5 * (1 - teeth), 0.5 * teeth)
+    low, high = [-10.0, -10.0, -9.0], [10.0, 10.0, 0.0]
+    shape = trimesh.creation.box(bounds=[low, high])
+    tooth = trimesh.creation.cone(1.02 * np.sqrt(0.5), 0.51, sections=4)
+    tooth.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, [0, 0, 1]))
+    teeth_at = [tooth.copy().apply_translation([x, y, 0.0]) for x in at for y in at]
+    return trimesh.boolean.union([shape, *teeth_at], engine="manifold")
+
+
+def test_patches_between_samples_are_one() -> None:
+    shape = knurled(6)
+    told = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3, source="knurled"), 30.0)
+    area_m2 = np.bincount(told.facet_patch, told.facet_area_m2)
+    small = area_m2 < 1e-6
+    # The outer sides of the outer ones go on from each to the next: four patches that are not small.
+    assert small.sum() == 4 * 36 - 4 * 6
+    assert told.counts["patches"] == 6 + 4 + small.sum()
+    surface = join_small(told, 1e-6)
+    assert surface.counts["patches"] == 6 + 4 + 1
+    assert len(np.unique(surface.patch_of[small[told.patch_of]])) == 1
+    kept = ~small[told.creases.patch].all(axis=1)
+    np.testing.assert_array_equal(surface.creases.ends_m, told.creases.ends_m[kept])
+    assert (surface.creases.patch[:, 0] != surface.creases.patch[:, 1]).all()
+    assert (
+        surface.counts["convex_edges"] == surface.creases.convex.sum() < told.creases.convex.sum()
+    )
+    edges = ("smooth_edges", "convex_edges", "concave_edges")
+    assert sum(surface.counts[e] for e in edges) == sum(told.counts[e] for e in edges)
+    alone = join_small(told, 0.9 * area_m2.min())
+    assert alone.counts == told.counts
+    for ours, theirs in (
+        (alone.patch_of, told.patch_of),
+        (alone.creases.patch, told.creases.patch),
+    ):
+        np.testing.assert_array_equal(ours, theirs)

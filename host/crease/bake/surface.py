@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from crease.base.errors import MeshError
 from crease.base.native import ffi, lib
@@ -185,4 +187,37 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
         Creases(ends, sides, convex.astype(bool), angle),
         doubtful,
         Winding(vertices, triangles) if doubtful.any() else None,
+    )
+
+
+def join_small(surface: Surface, least_m2: float) -> Surface:
+    """The same, patches smaller than least_m2 and beside each other being one, whatever the angle between them.
+
+    What is smaller than the piece of a sample has no sides for it. Creases inside of what is joined are smooth edges.
+    """
+    creases = surface.creases
+    area = np.bincount(surface.facet_patch, surface.facet_area_m2, surface.counts["patches"])
+    inside = (area < least_m2)[creases.patch].all(axis=1)
+    first, second = creases.patch[inside & (creases.patch[:, 0] != creases.patch[:, 1])].T
+    beside = sparse.coo_matrix((np.ones(len(first)), (first, second)), (len(area), len(area)))
+    patches, found = csgraph.connected_components(beside, directed=False)
+    inside &= (np.bincount(found) > 1)[found[creases.patch[:, 0]]]
+    joined, outside = found.astype(np.int32), ~inside
+    counts = surface.counts | {
+        "patches": int(patches),
+        "smooth_edges": surface.counts["smooth_edges"] + int(np.count_nonzero(inside)),
+        "convex_edges": int(np.count_nonzero(creases.convex[outside])),
+        "concave_edges": int(np.count_nonzero(~creases.convex[outside])),
+    }
+    return replace(
+        surface,
+        counts=counts,
+        patch_of=joined[surface.patch_of],
+        facet_patch=joined[surface.facet_patch],
+        creases=Creases(
+            creases.ends_m[outside],
+            joined[creases.patch[outside]],
+            creases.convex[outside],
+            creases.angle_rad[outside],
+        ),
     )
