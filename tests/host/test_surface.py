@@ -8,7 +8,7 @@ import igl
 import numpy as np
 import pytest
 import trimesh
-from crease.bake.surface import join_small, make_surface
+from crease.bake.surface import join_narrow, make_surface
 from crease.mesh.mesh import load_mesh, make_mesh
 from numpy.typing import NDArray
 
@@ -79,15 +79,13 @@ def knurled(teeth: int) -> trimesh.Trimesh:
 def test_patches_between_samples_are_one() -> None:
     shape = knurled(6)
     told = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3, source="knurled"), 30.0)
-    area_m2 = np.bincount(told.facet_patch, told.facet_area_m2)
-    small = area_m2 < 1e-6
-    # The outer sides of the outer ones go on from each to the next: four patches that are not small.
-    assert small.sum() == 4 * 36 - 4 * 6
-    assert told.counts["patches"] == 6 + 4 + small.sum()
-    surface = join_small(told, 1e-6)
-    assert surface.counts["patches"] == 6 + 4 + 1
-    assert len(np.unique(surface.patch_of[small[told.patch_of]])) == 1
-    kept = ~small[told.creases.patch].all(axis=1)
+    # The outer sides of the outer ones go on from each to the next.
+    assert told.counts["patches"] == 6 + 4 + 4 * 36 - 4 * 6
+    surface = join_narrow(told, 1e-3)
+    assert surface.counts["patches"] == 6 + 1
+    sizes = np.bincount(surface.patch_of, told.facet_area_m2[told.facet_of] > 0.0)
+    assert sizes.max() >= 4 * 36
+    kept = told.creases.ends_m[:, :, 2].max(axis=1) < 1e-9  # of the block, and round all pyramids
     np.testing.assert_array_equal(surface.creases.ends_m, told.creases.ends_m[kept])
     assert (surface.creases.patch[:, 0] != surface.creases.patch[:, 1]).all()
     assert (
@@ -95,10 +93,23 @@ def test_patches_between_samples_are_one() -> None:
     )
     edges = ("smooth_edges", "convex_edges", "concave_edges")
     assert sum(surface.counts[e] for e in edges) == sum(told.counts[e] for e in edges)
-    alone = join_small(told, 0.9 * area_m2.min())
-    assert alone.counts == told.counts
-    for ours, theirs in (
-        (alone.patch_of, told.patch_of),
-        (alone.creases.patch, told.creases.patch),
-    ):
-        np.testing.assert_array_equal(ours, theirs)
+
+
+def chamfered(side: float, chamfer: float) -> trimesh.Trimesh:
+    """A cube whose edges are cut off."""
+    half = 0.5 * side
+    corners = half - chamfer * (1.0 - np.eye(3))
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
+    return trimesh.convex.convex_hull((signs[:, None] * corners).reshape(-1, 3))
+
+
+def test_chamfers_and_wide_patches_stay_what_they_are() -> None:
+    shape = chamfered(20.0, 0.5)
+    told = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3, source="chamfered"), 30.0)
+    assert told.counts["patches"] == 6 + 12 + 8
+    pyramids = knurled(6)
+    fine = make_surface(make_mesh(pyramids.vertices, pyramids.faces, 1e-3, source="knurled"), 30.0)
+    for before, after in ((told, join_narrow(told, 1e-3)), (fine, join_narrow(fine, 1e-4))):
+        assert after.counts == before.counts
+        np.testing.assert_array_equal(after.patch_of, before.patch_of)
+        np.testing.assert_array_equal(after.creases.patch, before.creases.patch)

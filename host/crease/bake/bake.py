@@ -17,7 +17,7 @@ from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
 from crease.bake.limits import check_grid, check_spacing
 from crease.bake.shell import Shell, make_shell
-from crease.bake.surface import Surface, join_small, make_surface
+from crease.bake.surface import Surface, join_narrow, make_surface
 from crease.bake.voxmap import Voxmap, make_voxmap
 from crease.base.arguments import default_memory_max
 from crease.base.errors import MeshError
@@ -54,9 +54,6 @@ class BakeResult:
     warnings: tuple[str, ...] = ()
 
 
-SAMPLES_TOLD = 2.0
-"""Area below which patches beside each other are one, in squares of the spacing. On a knurled knob a ball touched a
-hundred, and jumped by 81 mm in sum over all ridges and pockets; by 23 with 1, by 16 with 2 and 4."""
 TARGET_SHARE = 4 / 7
 """Share of the tolerance at which refining aims: it looks at points half a voxel apart, errors peak between them."""
 NEAR_SHARE = 0.75
@@ -256,7 +253,7 @@ def bake_scene(
     foresee_features(work, static, tool)
     work.begin("features")
     told = make_surface(static, options.crease_angle_deg)
-    surface = join_small(told, SAMPLES_TOLD * sizes.spacing_m**2)
+    surface = join_narrow(told, sizes.spacing_m)
     tool_surface = make_surface(tool, options.crease_angle_deg)
     foresee_shell(work, tool_surface, sizes.spacing_m)
     if work.heard:
