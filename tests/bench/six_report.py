@@ -39,6 +39,7 @@ WORDS = {True: "kept", False: "**missed**", None: ""}
 HEAD = """# Six degrees of freedom, measured
 
     make bench-six                      # 25 minutes; writes this page, six.csv and six_methods.csv
+    PYTHONPATH=tests/bench .venv/bin/python tests/bench/six_bench.py --renew NAME ...   # these scenes alone
 
 Scenes, paths and exact wrenches: [meshes/six](../../meshes/six/README.md); what is judged and how is said there.
 Where goals are missed, and why where that is known: [DESIGN.md](../../firmware/couple/DESIGN.md#not-there-yet).
