@@ -71,7 +71,11 @@ def definition(name: str, scene: Scene) -> dict[str, Any]:
         },
         "friction": scene.friction,
         "tool_radius_mm": scene.radius_mm,
-        "image": {"voxel_mm": scene.image[0], "spacing_mm": scene.image[1]},
+        "image": {
+            "voxel_mm": scene.image[0],
+            "spacing_mm": scene.image[1],
+            **scene.image_more,
+        },
         **scene.more,
         **({"hand": HAND} if "hands" in scene.more else {}),
         "goals": GOALS,

@@ -52,6 +52,8 @@ class Scene:
     walls: Callable[[], Walls] | None = None
     formula: Callable[[Path], Floats] | None = None
     """Wrenches of every pose (n, 6)."""
+    image_more: dict[str, Any] = field(default_factory=dict)
+    """What else is asked of an image: `tolerance_mm`, `even`."""
     how: str = ""
     ticks: tuple[int, ...] = ()
     friction: float = 0.0
@@ -195,7 +197,7 @@ def rested(slope_deg: float) -> Path:
 # -------------------------------------------------------------------------------------------------------------- scenes
 
 
-def _peg(play_mm: float, voxel_mm: float, spacing_mm: float) -> Scene:
+def _peg(play_mm: float, voxel_mm: float, spacing_mm: float, **image: float | bool) -> Scene:
     return Scene(
         f"Peg of 20 mm in a hole that is {play_mm:g} mm wider; both chamfered by 2 mm.",
         lambda: shapes.hole(play_mm),
@@ -204,6 +206,7 @@ def _peg(play_mm: float, voxel_mm: float, spacing_mm: float) -> Scene:
         (voxel_mm, spacing_mm),
         26.9,
         lambda: in_hole(play_mm),
+        image_more=image,
         how="least energy, double, points of the peg below the rim and where its edges pass it",
         ticks=tuple(range(820, 1600, 60)),
         more={
@@ -230,9 +233,9 @@ def _plate(thick_mm: float) -> Scene:
 
 
 SCENES: dict[str, Scene] = {
-    "peg_04": _peg(0.4, 1.0, 2.0),
-    "peg_01": _peg(0.1, 0.5, 1.5),
-    "peg_002": _peg(0.02, 0.5, 1.0),
+    "peg_04": _peg(0.4, 1.0, 2.0, tolerance_mm=0.1),
+    "peg_01": _peg(0.1, 0.5, 1.0, tolerance_mm=0.005, even=True),
+    "peg_002": _peg(0.02, 0.5, 1.0, tolerance_mm=0.005, even=True),
     "key": Scene(
         "Square key of 10 mm in a slot that is 0.1 mm wider; both chamfered by 1 mm.",
         lambda: shapes.slot(0.1),
@@ -336,9 +339,10 @@ SCENES: dict[str, Scene] = {
             (200, (0.0, -2.0, 0.0), (0, 0, 0)),
             (200, (0, 0, 0), (0, 0, 0)),
         ),
-        (0.5, 1.5),
+        (0.5, 2.0),
         10.0,
         formula=in_socket,
+        image_more={"tolerance_mm": 0.02},
         how="closed form: back to 0.1 mm from the middle; meshes lie up to 0.0055 mm off the spheres",
         ticks=tuple(range(40, 960, 40)),
         more={"play_mm": 0.2},

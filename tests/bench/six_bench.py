@@ -1,6 +1,7 @@
 """The open benchmark of meshes/six: every scene through the coupled tick, judged by exact means, beside rivals.
 
-    python tests/bench/six_bench.py [--quick] [--scenes NAME ...] [--no-rivals] [--compare METHOD ...] [-o DIR]
+    python tests/bench/six_bench.py [--quick] [--scenes NAME ...] [--no-rivals] [--compare METHOD ...]
+                                    [--renew NAME ...] [-o DIR]
 
 Writes SIX.md, six.csv and six_methods.csv. A goal that is missed is written down as missed, and is no failure of the
 program.
@@ -277,12 +278,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
         help="measure these methods alone, and put their rows into the page that is there",
     )
     parser.add_argument(
+        "--renew",
+        nargs="+",
+        metavar="NAME",
+        choices=names,
+        help="measure these scenes alone, and put their rows into the page that is there",
+    )
+    parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="tests/bench; build/six for a part"
     )
     args = parser.parse_args(arguments)
     if args.compare:
         folder = args.output or ROOT / "tests" / "bench"
         six_report.renew(folder, compare(args.compare, folder))
+        return
+    if args.renew:
+        rows = bench(Extent(tuple(args.renew), 4, 50, 10_000, 3, False))
+        six_report.put(args.output or ROOT / "tests" / "bench", rows)
         return
     if args.quick:
         extent = Extent(tuple(args.scenes or QUICK), 20, 0, 50, 1, False)

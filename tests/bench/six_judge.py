@@ -61,9 +61,10 @@ class Case:
         return load_mesh(self.folder / self.spec[part], MM)
 
     def image(self, images: Path) -> Scene:
-        """Baked with the voxel and spacing of the scene, and kept."""
-        voxel_mm, spacing_mm = (self.spec["image"][k] for k in ("voxel_mm", "spacing_mm"))
-        own = images / f"{self.name}-{voxel_mm:g}-{spacing_mm:g}.crs"
+        """Baked as the scene says, and kept."""
+        asked = self.spec["image"]
+        tolerance_mm, even = asked.get("tolerance_mm"), bool(asked.get("even", False))
+        own = images / f"{self.name}-{'-'.join(f'{value:g}' for value in asked.values())}.crs"
         meshes = self.mesh("static"), self.mesh("tool")
         if own.exists() and is_newer(own):
             scene = open_scene(own)
@@ -71,7 +72,12 @@ class Case:
             digests = (bytes(meta.static_sha256).hex(), bytes(meta.tool_sha256).hex())
             if digests == tuple(m.digest_sha256 for m in meshes):
                 return scene
-        options = BakeOptions(voxel_m=voxel_mm * MM, spacing_m=spacing_mm * MM)
+        options = BakeOptions(
+            voxel_m=asked["voxel_mm"] * MM,
+            spacing_m=asked["spacing_mm"] * MM,
+            tolerance_m=None if tolerance_mm is None else tolerance_mm * MM,
+            even=even,
+        )
         images.mkdir(parents=True, exist_ok=True)
         write_bytes(own, bake_scene(*meshes, options, lambda _label, _part: None).image)
         return open_scene(own)

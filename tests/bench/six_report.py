@@ -39,6 +39,7 @@ WORDS = {True: "kept", False: "**missed**", None: ""}
 HEAD = """# Six degrees of freedom, measured
 
     make bench-six                      # 25 minutes; writes this page, six.csv and six_methods.csv
+    PYTHONPATH=tests/bench .venv/bin/python tests/bench/six_bench.py --renew NAME ...   # these scenes alone
 
 Scenes, paths and exact wrenches: [meshes/six](../../meshes/six/README.md); what is judged and how is said there.
 Where goals are missed, and why where that is known: [DESIGN.md](../../firmware/couple/DESIGN.md#not-there-yet).
@@ -111,6 +112,27 @@ def write(folder: Path, rows: Sequence[Row], more: str = "") -> None:
                     {True: "yes", False: "no", None: ""}[r.kept],
                 )
             )
+
+
+def read(file: Path) -> list[Row]:
+    """What write() wrote in six.csv."""
+    kept = {"yes": True, "no": False, "": None}
+    with file.open(encoding="utf-8", newline="") as rows:
+        return [
+            Row(r["scene"], r["what"], r["goal"], float(r["measured"]), kept[r["kept"]])
+            for r in csv.DictReader(rows)
+        ]
+
+
+def put(folder: Path, rows: Sequence[Row]) -> None:
+    """Rows of whole scenes in the place of those that SIX.md and six.csv have of them; the rest as it is."""
+    scenes = {r.scene for r in rows}
+    there = read(folder / "six.csv")
+    all_rows: list[Row] = []
+    for name in dict.fromkeys(r.scene for r in there):
+        all_rows += [r for r in (rows if name in scenes else there) if r.scene == name]
+    _, section, more = (folder / "SIX.md").read_text(encoding="utf-8").partition(SECTION)
+    write(folder, all_rows, section + more)
 
 
 def renew(folder: Path, section: str) -> None:

@@ -7,7 +7,15 @@ import numpy.typing as npt
 import pytest
 import trimesh
 from crease.bake import gather
-from crease.bake.cells import NORMAL_WEIGHT, fine_points, first_cells, make_cells, without_gaps
+from crease.bake.cells import (
+    DENSE_PER_SAMPLE,
+    NORMAL_WEIGHT,
+    fine_points,
+    first_cells,
+    make_cells,
+    without_gaps,
+    without_slim,
+)
 from crease.bake.gather import FINE_SPREAD, FinePoints, Gathered
 from crease.bake.surface import make_surface
 from crease.mesh.mesh import make_mesh
@@ -21,8 +29,8 @@ LIFT_M = NORMAL_WEIGHT * SPACING_M
 
 
 def fine_of(shape: trimesh.Trimesh) -> FinePoints:
-    surface = make_surface(make_mesh(shape.vertices, shape.faces), 30.0)
-    return fine_points(surface, SPACING_M**2 / 24)
+    mesh = make_mesh(shape.vertices, shape.faces)
+    return fine_points(mesh.vertices_m[mesh.triangles], SPACING_M**2 / 24)
 
 
 def lifted(fine: FinePoints) -> F64:
@@ -37,6 +45,40 @@ def fine(request: pytest.FixtureRequest) -> FinePoints:
     if request.param == "plate":
         return fine_of(trimesh.creation.box((0.04, 0.03, 0.5e-3)))
     return fine_of(trimesh.creation.torus(0.02, 0.004, major_sections=48, minor_sections=24))
+
+
+def test_slim_triangles_are_halved_across_and_others_are_as_they_were() -> None:
+    corners = 1e-3 * np.array(
+        [
+            [[0, 0, 0], [48, 0, 0], [0, 0.65, 0]],
+            [[0, 0, 0], [8, 0, 0], [0, 8, 0]],
+            [[0, 0, 0], [9, 0, 0], [18, 0, 0]],
+        ],
+        np.float64,
+    )
+    area_m2 = SPACING_M**2 / DENSE_PER_SAMPLE
+    cut, owner = without_slim(corners, area_m2, SPACING_M)
+    assert np.array_equal(cut[owner == 1], corners[1:2])
+    area = 0.5 * np.cross(cut[:, 1] - cut[:, 0], cut[:, 2] - cut[:, 0])[:, 2]
+    assert np.bincount(owner, area) == pytest.approx([15.6e-6, 32e-6, 0.0], rel=1e-12, abs=1e-20)
+    sides = np.linalg.norm(cut - np.roll(cut, -1, axis=1), axis=2).max(axis=1)
+    assert (sides <= SPACING_M * np.maximum(np.ceil(np.sqrt(area / area_m2)), 1.0)).all()
+
+
+def test_pieces_of_a_bar_of_slim_triangles_reach_each_other() -> None:
+    """A round bar whose side is 96 quads, evenly: its pieces cover what is between them, as many as its area says."""
+    bar = trimesh.creation.cylinder(radius=0.01, height=0.04, sections=96)
+    surface = make_surface(make_mesh(bar.vertices, bar.faces), 30.0)
+    cells = make_cells(surface, SPACING_M, even=True)
+    assert len(cells.area_m2) == pytest.approx(bar.area / SPACING_M**2, rel=0.1)
+    side = np.abs(cells.area_m2[:, 2]) < 0.1 * np.linalg.norm(cells.area_m2, axis=1)
+    inner = side & (np.abs(cells.position_m[:, 2]) < 0.017)
+    along = np.sqrt(12.0 * cells.spread_m2[inner, 2, 2])
+    area = np.linalg.norm(cells.area_m2[inner], axis=1)
+    across = np.sqrt(12.0 * (cells.spread_m2[inner, 0, 0] + cells.spread_m2[inner, 1, 1]))
+    covered = along * across / area
+    assert np.median(covered) == pytest.approx(1.0, abs=0.1)
+    assert covered.min() > 0.5
 
 
 @pytest.mark.parametrize("cell", [0.2, 1.0, 5.0])

@@ -381,6 +381,19 @@ def test_a_missed_goal_is_told_as_missed(tmp_path: Path) -> None:
     assert text.count("**missed**") == 1
 
 
+def test_rows_of_one_scene_take_the_place_of_those_that_were_there(tmp_path: Path) -> None:
+    rows = [six_report.Row.most(name, "inside, mm", 0.02, 0.5) for name in "abc"]
+    six_report.write(tmp_path, rows, f"{six_report.SECTION}\nrest\n")
+    before = (tmp_path / "SIX.md").read_text(encoding="utf-8")
+    six_report.put(tmp_path, rows[1:2])
+    assert (tmp_path / "SIX.md").read_text(encoding="utf-8") == before
+    six_report.put(tmp_path, [six_report.Row.most("b", "inside, mm", 0.02, 0.01)])
+    assert [r.kept for r in six_report.read(tmp_path / "six.csv")] == [False, True, False]
+    text = (tmp_path / "SIX.md").read_text(encoding="utf-8")
+    assert "1 of 3 goals are kept" in text
+    assert text.endswith(f"{six_report.SECTION}\nrest\n")
+
+
 def test_strokes_that_come_through_are_counted() -> None:
     """A method that holds nothing."""
 
@@ -445,6 +458,16 @@ def test_experiment_draws_every_method(tmp_path: Path) -> None:
     rows = result.tables[0].rows
     assert {row[1] for row in rows} == {"coupled tick", *NAMES}
     assert [row[0] for row in rows if row[1] == NAMES[-1]] == [six.SCENES["stick_edge"]]
+
+
+@pytest.mark.slow
+def test_peg_of_slim_triangles_is_held_outside_by_hands_that_err(tmp_path: Path) -> None:
+    """Its side is 96 quads, 48 mm long: with pieces as its triangles lie it is 0.03 mm inside here."""
+    make_six.write_scene(tmp_path, "peg_01")
+    make_six.hands_file(tmp_path / "peg_hands.npz")
+    case = Case.load(tmp_path, "peg_01")
+    rows = six_bench.judge_hands(case, case.image(tmp_path), 2, 8)
+    assert [(r.what, r.measured) for r in rows if not r.kept] == []
 
 
 def test_guided_tool_that_touches_nothing_follows_its_hand() -> None:

@@ -43,6 +43,8 @@ class BakeOptions:
     memory_max_bytes: int | None = None
     image_max_bytes: int | None = None
     depth_max_m: float | None = None
+    even: bool = False
+    """Pieces of the tool are cut by area alone, whatever its triangles: for a tool that is held (firmware/couple)."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +263,7 @@ def bake_scene(
         foresee_voxmap(work, surface, sizes.voxel_m, near_m, sizes.target_m)
         work.complete()
     work.begin("shell")
-    shell = make_shell(tool_surface, sizes.spacing_m, work.tick)
+    shell = make_shell(tool_surface, sizes.spacing_m, work.tick, options.even)
     sizes, voxmap, notes = _fitting_voxmap(surface, shell, sizes, options, memory_max, work)
     meta = _meta(surface, voxmap, shell, tool, options)
     image = _assemble(surface, voxmap, shell, meta)

@@ -21,6 +21,7 @@ def bake(
     crease_angle_deg: float = 30.0,
     tolerance_m: float | None = None,
     depth_max_m: float | None = None,
+    even: bool = False,
     image_max_bytes: int | None = None,
     memory_max_bytes: int | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -33,6 +34,7 @@ def bake(
     voxel_m: side of a voxel; None: the spacing, at least 1/600 of the mock-up. crease_angle_deg: 0 to 180, edges
     that turn more are creases. tolerance_m: refine until the distance error near the surface is below this; None: a
     quarter of a voxel. depth_max_m: how far the tool goes in; what lies deeper is kept roughly.
+    even: cut the tool by area alone, whatever its triangles: for one that is held in six degrees of freedom.
     image_max_bytes: choose voxels for an image of at most this size. memory_max_bytes: refuse work that takes more;
     None: half of the machine's. progress: called with what is done and the part of the whole
     bake that is, 0..1.
@@ -68,6 +70,7 @@ def bake(
         memory_max_bytes=memory_max_bytes,
         image_max_bytes=image_max_bytes,
         depth_max_m=depth_max_m,
+        even=even,
     )
     made = bake_scene(static, tool, options, progress)
     said = (*static.warnings, *tool.warnings, *made.warnings)

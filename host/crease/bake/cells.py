@@ -22,13 +22,42 @@ NORMAL_WEIGHT = 1.5
 """How far apart, in spacings, two normals at right angles are held: keeps samples off sharp edges."""
 FLAT = 1e-5
 """A piece that bends by less than this share of the spacing is flat: rounding of the mesh."""
+PART_MAX = 0.25
+"""Of even cells: a part of a triangle is no longer than this share of the spacing."""
 
 
-def fine_points(surface: Surface, area_m2: float) -> FinePoints:
-    """Every triangle cut into k^2 equal parts of at most area_m2, those with the fewest parts first."""
-    corners = surface.mesh.vertices_m[surface.mesh.triangles]
-    normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    parts = np.ceil(np.sqrt(np.linalg.norm(normal, axis=1) / area_m2)).astype(np.int64)
+def without_slim(corners: F64, area_m2: float, length_m: float) -> tuple[F64, I64]:
+    """Triangles (n, 3, 3) halved across while parts of at most area_m2 are longer than length_m; whose each is."""
+    owner = np.arange(len(corners))
+    short, owners = [], []
+    while len(corners):
+        side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        parts = np.maximum(_parts_a_side(_areas_m2(corners), area_m2), 1)
+        slim = side.max(axis=1) > length_m * parts
+        short.append(corners[~slim])
+        owners.append(owner[~slim])
+        corners, owner, longest = corners[slim], owner[slim], side[slim].argmax(axis=1)
+        a, b, c = (corners[np.arange(len(corners)), (longest + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        corners = np.stack([a, middle, c, middle, b, c], axis=1).reshape(-1, 3, 3)
+        owner = np.repeat(owner, 2)
+    return np.concatenate(short), np.concatenate(owners)
+
+
+def _areas_m2(corners: F64) -> F64:
+    """Of triangles, as vectors (n, 3)."""
+    return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def _parts_a_side(normal: F64, area_m2: float) -> I64:
+    """Of triangles that are cut into equal parts of at most area_m2, (n,)."""
+    return np.asarray(np.ceil(np.sqrt(np.linalg.norm(normal, axis=1) / area_m2)), np.int64)
+
+
+def fine_points(corners: F64, area_m2: float) -> FinePoints:
+    """Triangles (n, 3, 3), each cut into k^2 equal parts of at most area_m2, those with the fewest parts first."""
+    normal = _areas_m2(corners)
+    parts = _parts_a_side(normal, area_m2)
     position, owner = [], []
     for k in np.unique(parts[parts > 0]):
         chosen = np.flatnonzero(parts == k)
@@ -68,14 +97,18 @@ class Cells:
     patch: I64
 
 
-def relax(fine: FinePoints, patch: int, spacing_m: float, tick: Tick) -> Cells:
+def relax(fine: FinePoints, patch: int, spacing_m: float, tick: Tick, even: bool = False) -> Cells:
     """Fine points of one patch gathered into cells: positions on the surface, area vectors that add up, and the
     second moment of each cell about its middle.
 
-    A centroidal Voronoi tessellation in the space of position and weighted normal.
+    A centroidal Voronoi tessellation in the space of position and weighted normal. even: as many cells as the area
+    says; boxes that lie across a surface give up to twice that.
     """
     points = Gathered(fine, NORMAL_WEIGHT * spacing_m, spacing_m)
     label = first_cells(fine, spacing_m)
+    if even:
+        asked = float(fine.weight_m2[fine.triangle].sum()) / spacing_m**2
+        label = first_cells(fine, spacing_m * max(1.0, float(np.sqrt((label.max() + 1) / asked))))
     for step in range(LLOYD_STEPS):
         label = without_gaps(points.nearest(points.means(label), label))
         tick((step + 1) / LLOYD_STEPS)
@@ -115,10 +148,17 @@ def without_gaps(label: I32) -> I32:
     return np.asarray((np.cumsum(used, dtype=np.int32) - 1)[label], np.int32)
 
 
-def make_cells(surface: Surface, spacing_m: float, tick: Tick = lambda _part: None) -> Cells:
-    """Cells of the whole surface, none across a crease."""
-    fine = fine_points(surface, spacing_m**2 / DENSE_PER_SAMPLE)
-    patch = surface.patch_of[fine.triangle]
+def make_cells(
+    surface: Surface, spacing_m: float, tick: Tick = lambda _part: None, even: bool = False
+) -> Cells:
+    """Cells of the whole surface, none across a crease; even: cut by area alone, whatever its triangles."""
+    area_m2 = spacing_m**2 / DENSE_PER_SAMPLE
+    corners = surface.mesh.vertices_m[surface.mesh.triangles]
+    owner = np.arange(len(corners))
+    if even:
+        corners, owner = without_slim(corners, area_m2, PART_MAX * spacing_m)
+    fine = fine_points(corners, area_m2)
+    patch = surface.patch_of[owner[fine.triangle]]
     order = np.argsort(patch, kind="stable")
     bounds = np.flatnonzero(np.diff(patch[order])) + 1
     parts, done = [], 0
@@ -130,6 +170,7 @@ def make_cells(surface: Surface, spacing_m: float, tick: Tick = lambda _part: No
                 int(patch[rows[0]]),
                 spacing_m,
                 part_of(tick, done / len(order), share),
+                even,
             )
         )
         done += len(rows)

@@ -40,10 +40,13 @@ class Samples:
 
 
 def make_samples(
-    surface: Surface, spacing_m: float, tick: Callable[[float], None] = lambda _part: None
+    surface: Surface,
+    spacing_m: float,
+    tick: Callable[[float], None] = lambda _part: None,
+    even: bool = False,
 ) -> Samples:
-    """The shell before grouping."""
-    cells = make_cells(surface, spacing_m, tick)
+    """The shell before grouping; even: see make_cells."""
+    cells = make_cells(surface, spacing_m, tick, even)
     position, count = cells.position_m, len(cells.position_m)
     spots = feature_points(surface, spacing_m)
     spot_area = FEATURE_AREA * spacing_m**2 * spots.normal

@@ -130,10 +130,13 @@ def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
 
 
 def make_shell(
-    surface: Surface, spacing_m: float, tick: Callable[[float], None] = lambda _part: None
+    surface: Surface,
+    spacing_m: float,
+    tick: Callable[[float], None] = lambda _part: None,
+    even: bool = False,
 ) -> Shell:
-    """The complete shell of a tool mesh."""
-    samples = make_samples(surface, spacing_m, part_of(tick, 0.0, SAMPLES_SHARE))
+    """The complete shell of a tool mesh; even: see make_cells."""
+    samples = make_samples(surface, spacing_m, part_of(tick, 0.0, SAMPLES_SHARE), even)
     order = cluster_order(samples, spacing_m)
     clusters = make_clusters(samples, order)
     pieces = pieces_of(samples, spacing_m, surface)

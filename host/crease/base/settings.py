@@ -11,6 +11,7 @@ from crease.base.units import format_length, format_size
 OPTIONS = {
     "crease_angle_deg": "--crease-angle",
     "depth_max_m": "--depth-max",
+    "even": "--even",
     "force": "--force",
     "image_max_bytes": "--image-max",
     "memory_max_bytes": "--memory-max",

@@ -64,7 +64,9 @@ class Setup:
     every: int = 1
     repeat: int = 20
     _meshes: dict[str, Mesh] = field(default_factory=dict, repr=False)
-    _scenes: dict[tuple[str, str, float, float], Scene] = field(default_factory=dict, repr=False)
+    _scenes: dict[tuple[str, str, tuple[float, ...]], Scene] = field(
+        default_factory=dict, repr=False
+    )
 
     def mesh(self, name: str) -> Mesh:
         """A mesh by name.   Errors: CreaseError, with how to make it."""
@@ -87,27 +89,39 @@ class Setup:
         whole = load_trajectory(file)
         return Trajectory(np.ascontiguousarray(whole.rows[:: self.every]), whole.source)
 
-    def scene(self, static: str, tool: str, voxel_mm: float, spacing_mm: float) -> Scene:
+    def scene(
+        self,
+        static: str,
+        tool: str,
+        voxel_mm: float,
+        spacing_mm: float,
+        tolerance_mm: float | None = None,
+    ) -> Scene:
         """The image of two meshes: one that is there and of the same meshes, else baked into out/images.
 
-        Images in out/images that are older than the code that bakes are baked again; the others are `make scenes`'s.
+        Images in out/images that are older than the code that bakes are baked again; the others are `make scenes`'s,
+        which have the tolerance of their voxels.
         """
-        key = (static, tool, voxel_mm, spacing_mm)
+        sizes_mm = (voxel_mm, spacing_mm, *(() if tolerance_mm is None else (tolerance_mm,)))
+        key = (static, tool, sizes_mm)
         if key not in self._scenes:
-            self._scenes[key] = self._find_or_bake(static, tool, voxel_mm * MM, spacing_mm * MM)
+            self._scenes[key] = self._find_or_bake(static, tool, sizes_mm)
         return self._scenes[key]
 
-    def _find_or_bake(self, static: str, tool: str, voxel_m: float, spacing_m: float) -> Scene:
+    def _find_or_bake(self, static: str, tool: str, sizes_mm: tuple[float, ...]) -> Scene:
         from crease.bake.bake import BakeOptions, bake_scene
 
         meshes = self.mesh(static), self.mesh(tool)
-        own = self.out / "images" / f"{static}-{tool}-{voxel_m / MM:g}-{spacing_m / MM:g}.crs"
-        candidates = [*([own] if is_newer(own) else []), *sorted(self.images.glob("*.crs"))]
+        voxel_m, spacing_m, *tolerance_m = (size * MM for size in sizes_mm)
+        sizes = "-".join(f"{size:g}" for size in sizes_mm)
+        own = self.out / "images" / f"{static}-{tool}-{sizes}.crs"
+        others = [] if tolerance_m else sorted(self.images.glob("*.crs"))
+        candidates = [*([own] if is_newer(own) else []), *others]
         for image in candidates:
             if _is_of(image, meshes, voxel_m, spacing_m):
                 return open_scene(image)
         own.parent.mkdir(exist_ok=True)
-        options = BakeOptions(voxel_m=voxel_m, spacing_m=spacing_m)
+        options = BakeOptions(voxel_m, spacing_m, tolerance_m=next(iter(tolerance_m), None))
         write_bytes(own, bake_scene(*meshes, options, lambda _label, _part: None).image)
         return open_scene(own)
 

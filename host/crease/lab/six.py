@@ -79,8 +79,8 @@ def run(setup: Setup) -> Result:
 def _answers(six: Setup, name: str, spec: dict[str, Any]) -> dict[str, F64]:
     """Wrenches (n, 6) of every method."""
     springs = float(spec["spring"]["stiffness_N_m"]), float(spec["spring"]["stiffness_Nm_rad"])
-    image = spec["image"]
-    scene = six.scene(f"{name}.static", f"{name}.tool", image["voxel_mm"], image["spacing_mm"])
+    image = (spec["image"].get(what) for what in ("voxel_mm", "spacing_mm", "tolerance_mm"))
+    scene = six.scene(f"{name}.static", f"{name}.tool", *image)
     path = six.path(name)
     coupled = run_path(scene, path, ReplayOptions(springs[0], couple=CoupleOptions(springs[1])))
     found = {OURS: np.hstack([coupled["force_N"], coupled["torque_Nm"]]).astype(np.float64)}

@@ -82,6 +82,11 @@ def add_parser(sub: SubParsers) -> None:
         help="how far the tool goes into STATIC: what lies deeper is kept roughly, for a smaller image",
     )
     parser.add_argument(
+        "--even",
+        action="store_true",
+        help="cut TOOL by area alone, whatever its triangles: for a tool that is held (replay --couple)",
+    )
+    parser.add_argument(
         "--chord",
         metavar="LENGTH",
         type=length,
@@ -221,6 +226,7 @@ def bake_options(args: argparse.Namespace) -> BakeOptions:
         memory_max_bytes=args.memory_max,
         image_max_bytes=args.image_max,
         depth_max_m=metres(args.depth_max, args.unit),
+        even=args.even,
     )
 
 
