@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 from crease.base.errors import UnitError
 
@@ -110,3 +111,15 @@ def format_length(length_m: float) -> str:
     if size_m >= 1e-3:
         return f"{length_m * 1e3:.3g} mm"
     return f"{length_m * 1e6:.3g} um"
+
+
+def format_place(place: Iterable[float], size: float) -> str:
+    """A place for a person, in one unit: to a thousandth of the size of what it lies on, however far away that is."""
+    digits = max(0, 3 - math.floor(math.log10(size))) if size > 0.0 else 3
+    return f"({', '.join(_decimal(float(x), digits) for x in place)})"
+
+
+def _decimal(value: float, digits: int) -> str:
+    """A number with so many digits behind the point at most."""
+    text = f"{round(value, digits) + 0.0:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if digits else text
