@@ -8,7 +8,7 @@ What is seen and done, in this order:
 - what is still open is sewn with more reach, edges take in vertices that lie on them, and every opening of a piece of
   surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
 - slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, which moves no surface further than that;
-- vertices of a closed surface that lie on each other are welded where some of its triangles part no inside from outside:
+- vertices of a closed surface that lie on each other are welded where some of its triangles part nothing:
   it passes through itself there, along edges;
 - shells that are inside out are turned; one that lies inside another as a cavity stays;
 - shells that meet or overlap are united by manifold3d;
@@ -35,6 +35,7 @@ from crease.mesh.draft import (
     Draft,
     Wishes,
     drop_triangles,
+    percent,
     plural,
     renumber,
     sew,
@@ -49,6 +50,9 @@ SLIVER = 2e-6
 
 FLAT_TRIANGLE = 2e-7
 """Share of the diagonal below which the corners of a triangle lie on one line: what float32 keeps, twice."""
+
+CRACKS = 1e-3
+"""Share of the surface from which on what closes the cracks between cut pieces is told."""
 
 LOOKED_AT = 1000
 """Triangles of a surface that are asked whether they part inside from outside."""
@@ -181,7 +185,7 @@ def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
 
 def _weld_touching(draft: Draft) -> None:
     """Where a surface passes through itself along edges of both sheets, nothing crosses: these edges become one."""
-    if len(draft.loose_edges()):
+    if draft.layered or len(draft.loose_edges()):
         return
     first, kind = topology.weld(np.round(draft.vertices / (WELD * draft.diagonal_m)))
     gone = draft.vertex_count - len(first)
@@ -192,6 +196,8 @@ def _weld_touching(draft: Draft) -> None:
     found = arrange.Winding(draft.vertices, draft.triangles).at(middle, some)
     if np.ptp(found) < 2.0 * arrange.CLEAR:
         return
+    if len(topology.crossing_pairs(draft.vertices, draft.triangles, CROSSING * draft.diagonal_m)):
+        return  # these are cut
     draft.vertices, draft.triangles = draft.vertices[first], kind[draft.triangles].astype(np.int32)
     draft.notes.append(f"touches itself: welded {plural(gone, 'pair')} of vertices")
     drop_triangles(draft)
@@ -375,10 +381,19 @@ def _change(before: float, after: float) -> str:
 def _close_cracks(draft: Draft) -> None:
     """Cracks that rounding left between pieces: caps without thickness, which take leaves off that they lie on."""
     loops = closing.rims(draft.triangles, draft.vertex_count)
+    area_m2, caps = draft.area_m2(), []
     for loop in loops:
         cap = closing.cap(draft.vertices, loop)
+        caps.append(cap)
         draft.vertices = np.concatenate([draft.vertices, cap.points_m])
         draft.triangles = np.concatenate([draft.triangles, cap.triangles])
+    share = sum(cap.area_m2 for cap in caps) / area_m2
+    if share > CRACKS:
+        widest = max(caps, key=lambda cap: cap.area_m2)
+        draft.notes.append(
+            f"cutting left openings: closed {plural(len(caps), 'opening')}, {percent(share)} of the surface, one near "
+            f"{draft.place(widest.middle_m)}; the shape may be off there"
+        )
     draft.triangles = topology.without_leaves(draft.triangles)
     draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import hashlib
 import io
+import math
 import os
 import re
 import shutil
@@ -285,7 +286,7 @@ def _parse_binary_stl(source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]
 def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Vertices and triangles as the file has them, polygons cut into triangles."""
     vertices, triangles = _parse_fans(path, source)
-    if path.suffix.lower() in WITH_POLYGONS:
+    if path.suffix.lower() in WITH_POLYGONS and np.isfinite(vertices).all():
         return vertices, unfold(vertices, triangles)
     return vertices, triangles
 
@@ -332,7 +333,9 @@ def _check_numbers(
         )
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise MeshError(f"{source}: a triangle names a vertex that is not there; export it again")
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    used = np.zeros(len(vertices), bool)
+    used[triangles] = True
+    bad = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
     if len(bad):
         raise MeshError(
             f"{source}: {len(bad):,} of {len(vertices):,} vertices are not finite numbers, the first is vertex "
@@ -352,7 +355,7 @@ def _likely_units(diagonal: float) -> str:
 
 def _check_size(points_m: npt.NDArray[np.float64], unit_m: float, source: str) -> list[str]:
     """Refuse a box that no tool or mock-up has; warn of one that few have."""
-    diagonal_m = float(np.linalg.norm(points_m.max(axis=0) - points_m.min(axis=0)))
+    diagonal_m = math.hypot(*np.ptp(points_m, axis=0))
     if diagonal_m == 0.0:
         raise MeshError(f"{source}: all vertices are one point; export it again")
     likely = _likely_units(diagonal_m / unit_m)
