@@ -60,7 +60,9 @@ def run_line(
         # What is left in the buffer would fail again at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
-            print(f"error: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr)
+            print(
+                f"error: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr
+            )
         return 1
     return 0
 

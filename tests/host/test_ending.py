@@ -40,7 +40,7 @@ def _end_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     def leave(status: int) -> None:
         raise Ended(status)
 
-    monkeypatch.setattr(ending.os, "_exit", leave)
+    monkeypatch.setattr("os._exit", leave)
     monkeypatch.setattr(ending, "_begun", [])
     monkeypatch.setattr(ending, "_heard", [])
 
@@ -62,24 +62,29 @@ def test_no_library_that_loads_keeps_a_signal(tmp_path: Path, number: signal.Sig
 
 def test_what_was_begun_last_is_undone_first() -> None:
     undone: list[str] = []
+    with ending.undone_by(lambda: undone.append("done already")):
+        pass
     with (
-        pytest.raises(Ended),
         ending.undone_by(lambda: undone.append("folder")),
         ending.undone_by(lambda: undone.append("file")),
+        pytest.raises(Ended),
     ):
-        with ending.undone_by(lambda: undone.append("done already")):
-            pass
         ending.end()
     assert undone == ["file", "folder"]
 
 
 def test_steps_that_belong_together_are_done_before_the_end() -> None:
     steps: list[int] = []
-    with pytest.raises(Ended), ending.steady():
+
+    def work() -> None:
         with ending.steady():
-            ending.end()
-            steps.append(1)
-        steps.append(2)
+            with ending.steady():
+                ending.end()
+                steps.append(1)
+            steps.append(2)
+
+    with pytest.raises(Ended):
+        work()
     assert steps == [1, 2]
 
 

@@ -47,6 +47,11 @@ def test_formatted_length_reads_back_within_its_three_digits(length_m: float) ->
     assert parse_length(format_length(length_m)) == pytest.approx(length_m, rel=6e-3)
 
 
+def test_kilometres_are_told_in_full() -> None:
+    assert format_length(2000.0) == "2000 m"
+    assert parse_length(format_length(123456.0)) == 123456.0
+
+
 def test_unknown_unit_names_the_known_ones() -> None:
     with pytest.raises(UnitError, match="mm, cm"):
         parse_unit("furlong")

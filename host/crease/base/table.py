@@ -117,9 +117,7 @@ def _refusals(path: Path) -> Iterator[None]:
         raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def _temporary(
-    path: Path, write: Callable[[BinaryIO], None], begun: contextlib.ExitStack
-) -> Path:
+def _temporary(path: Path, write: Callable[[BinaryIO], None], begun: contextlib.ExitStack) -> Path:
     """A file beside `path` with what `write` puts into it, taken away with `begun` where it still is."""
     with _refusals(path):
         with steady():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from crease.base.errors import CreaseError, MeshError
 from crease.base.table import check_suffix, check_target
-from crease.base.units import METRES, format_length, format_place
+from crease.base.units import METRES, format_coordinates, format_length, format_place
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -81,8 +81,8 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
     report = one.report()
     name = next((n for n, metres in METRES.items() if metres == one.unit_m), "units")
     sides = [side / one.unit_m for side in report["size_m"]]
-    size = " x ".join(f"{side:.4g}" for side in sides)
     span = math.hypot(*sides)
+    size = " x ".join(format_coordinates(sides, span))
     lines = [
         ("mesh", f"{one.source}: {report['triangles']:,} triangles, {size} {name}"),
         ("closed", _closed(report, span)),
