@@ -57,6 +57,17 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("option", "body"), [("--spacing", "tool"), ("--voxel", "mock-up")])
+def test_a_length_larger_than_what_it_divides_is_refused_at_once(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, option: str, body: str
+) -> None:
+    """A voxel of a thousand kilometres was baked for 18 s, into an image that could not be read."""
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), option, "1e9")
+    assert said.status == 1
+    assert f"error: {option} 1e+06m is larger than the {body} (" in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("option", [("--spacing", "2mm"), ("--spacing", "9mm")])
 def test_memory_that_no_bake_fits_into_is_not_laid_on_the_spacing(
     tmp_path: Path,
