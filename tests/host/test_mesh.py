@@ -246,6 +246,19 @@ def test_touching_shells_lose_the_wall_between() -> None:
     assert not middle.any()
 
 
+def test_touching_cubes_leave_no_wall_of_two_sides() -> None:
+    """Of a ball of voxels the union kept 19 walls without thickness, and the distance was off by a voxel."""
+    ball = trimesh.creation.icosphere(3, radius=12.0)
+    voxels = ball.voxelized(2.0).fill()
+    soup = voxels.as_boxes()
+    mesh = make_mesh(soup.vertices, soup.faces, 1e-3)
+    assert_sound(mesh)
+    count, shell = topology.shells(mesh.vertices_m, mesh.triangles)
+    parts_m3 = topology.volumes_m3(mesh.vertices_m, mesh.triangles)
+    assert np.bincount(shell, parts_m3, count).min() > 1e-12
+    assert volume(mesh) == pytest.approx(8e-9 * voxels.filled_count)
+
+
 def test_separate_shells_stay() -> None:
     mesh = make_mesh(*both(box(), box((2, 2, 2), (3, 3, 3))))
     assert_sound(mesh)

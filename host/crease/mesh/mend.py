@@ -307,12 +307,23 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         part = Manifold.batch_boolean(solids, OpType.Add)
         whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
-    now = topology.shells(draft.vertices, draft.triangles)[0]
+    now = _drop_flat_shells(draft)
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
             f"({_change(area_m2, draft.area_m2())} of the area, {_change(volume_m3, draft.volume_m3())} of the volume)"
         )
+
+
+def _drop_flat_shells(draft: Draft) -> int:
+    """Walls between solids that touch, of which a union leaves both sides.   Output: how many shells stay."""
+    count, shell = topology.shells(draft.vertices, draft.triangles)
+    volume_m3 = np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles))
+    area_m2 = np.bincount(shell, weights=topology.areas_m2(draft.vertices, draft.triangles))
+    solid = np.abs(volume_m3) > CROSSING * draft.diagonal_m * area_m2
+    if not solid.all():
+        draft.triangles = draft.triangles[solid[shell]]
+    return count - int(np.count_nonzero(~solid))
 
 
 def _outer_meet(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bool_]) -> bool:
