@@ -308,6 +308,9 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
     now = _drop_flat_shells(draft)
+    codes = topology.undirected_codes(draft.triangles, draft.vertex_count)
+    # Where solids touch along edges a wall between two of them may be left: then winding numbers decide.
+    draft.layered = bool(np.unique(codes, return_counts=True)[1].max() > 2)
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
