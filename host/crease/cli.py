@@ -49,11 +49,20 @@ def run_line(
         args = (parser or parser_for(words)).parse_args(words)
         with command_line():
             args.run(args)
+            sys.stdout.flush()
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:
+    except MemoryError:
+        print("error: the machine has not enough memory for this", file=sys.stderr)
+        return 1
+    except OSError as error:
+        # What is left in the buffer would fail again at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            print(
+                f"error: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr
+            )
         return 1
     return 0
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -23,7 +26,6 @@ from crease.bake.voxmap import _merged
 from crease.base.native import lib
 from crease.base.scene import open_image
 from crease.base.units import parse_length, parse_size
-from crease.cli import main
 from crease.lab.setup import make_path, upright
 from crease.mesh.mesh import make_mesh
 from crease.replay.replay import run_path
@@ -52,6 +54,17 @@ def test_too_much_memory_is_refused_at_once_with_the_numbers(
     assert said.err.count("\n") == 1
     assert option[0] in said.err
     assert "more than --memory-max 2GiB; use " in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("option", "body"), [("--spacing", "tool"), ("--voxel", "mock-up")])
+def test_a_length_larger_than_what_it_divides_is_refused_at_once(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, option: str, body: str
+) -> None:
+    """A voxel of a thousand kilometres was baked for 18 s, into an image that could not be read."""
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), option, "1e9")
+    assert said.status == 1
+    assert f"error: {option} 1e+06m is larger than the {body} (" in said.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -170,25 +183,31 @@ def test_a_bake_that_is_interrupted_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_image_that_cannot_be_written_leaves_no_bodies(
-    tmp_path: Path, block_stl: Path, ball_stl: Path, monkeypatch: pytest.MonkeyPatch
+def test_an_image_that_cannot_be_written_leaves_what_was_there(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As by an interrupt between the two files."""
+    """As on a full disk: the meshes beside the image are not replaced either."""
 
-    def interrupted(*_: object) -> None:
-        assert (tmp_path / "out.crs.glb").exists()
-        raise KeyboardInterrupt
+    def full(data: bytes) -> Callable[[BinaryIO], None]:
+        def write(file: BinaryIO) -> None:
+            if not data.startswith(b"glTF"):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            file.write(data)
 
-    monkeypatch.setattr("crease.verbs.bake.write_bytes", interrupted)
-    args = [
-        *bake_args(tmp_path, block_stl, ball_stl),
-        "--voxel",
-        "4mm",
-        "--spacing",
-        "3mm",
-    ]
-    assert main([str(word) for word in args]) == 1
+        return write
+
+    monkeypatch.setattr("crease.verbs.bake.bytes_writer", full)
+    args = [*bake_args(tmp_path, block_stl, ball_stl), "--voxel", "4mm", "--spacing", "3mm"]
+    said = crease(*args)
+    assert (said.status, said.err) == (
+        1,
+        f"error: {tmp_path / 'out.crs'}: cannot be written: No space left on device\n",
+    )
     assert list(tmp_path.iterdir()) == []
+    for name in ("out.crs", "out.crs.glb"):
+        (tmp_path / name).write_text("old")
+    assert crease(*args, "--force").status == 1
+    assert [p.read_text() for p in tmp_path.iterdir()] == ["old", "old"]
 
 
 @pytest.mark.slow

@@ -88,6 +88,15 @@ def test_a_file_that_cannot_be_read_is_told_after_the_others(
     assert [one["triangles"] for one in said.json["meshes"]] == [12]
 
 
+def test_noise_is_told_as_a_bake_tells_it(tmp_path: Path, crease: Run) -> None:
+    ball = trimesh.creation.icosphere(4, radius=20.0)
+    ball.vertices += np.random.default_rng(3).normal(0.0, 0.35, ball.vertices.shape)
+    ball.export(tmp_path / "noisy.stl")
+    said = crease("check", tmp_path / "noisy.stl", "--unit", "mm")
+    assert said.status == 0
+    assert "this looks like noise; --crease-angle 90 leaves" in said.out
+
+
 def test_the_picture_is_written(tmp_path: Path, plate: Path, crease: Run) -> None:
     picture = tmp_path / "found.png"
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 0

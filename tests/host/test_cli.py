@@ -393,3 +393,11 @@ def test_interrupt_while_modules_load_is_one_line() -> None:
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
     assert (child.returncode, out, err) == (1, b"", b"error: interrupted\n")
+
+
+def test_a_full_disk_under_the_output_is_one_line(ball_stl: Path) -> None:
+    command = [str(Path(sys.executable).parent / "crease"), "check", str(ball_stl), "--unit", "mm"]
+    with Path("/dev/full").open("w") as full:
+        said = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, check=False)
+    assert said.returncode == 1
+    assert said.stderr == b"error: standard output: No space left on device\n"

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import trimesh
+from crease.bake.surface import make_surface
 from crease.base.errors import MeshError
 from crease.mesh import topology
 from crease.mesh.mesh import Mesh, load_mesh, make_mesh, read_arrays
@@ -186,6 +187,40 @@ def test_triangles_without_area_are_dropped() -> None:
     assert "dropped 2 triangles without area" in mesh.warnings[0]
 
 
+def test_triangles_laid_on_edges_leave_the_solid_as_it_is() -> None:
+    """Corners on one line at edges that are closed without them: taken for surface, they cost a corner of the box."""
+    vertices, faces = box((0, 0, 0), (40, 30, 20))
+    edges = trimesh.Trimesh(vertices, faces).edges_unique
+    middle = len(vertices) + np.arange(len(edges))
+    vertices = np.concatenate([vertices, vertices[edges].mean(axis=1)])
+    made = make_mesh(vertices, np.concatenate([faces, np.column_stack([edges, middle])]), 1e-3)
+    assert_sound(made)
+    assert made.warnings == ("mesh: dropped 18 triangles without area",)
+    assert len(made.triangles) == 12
+    assert volume(made) == pytest.approx(24e-6)
+
+
+def test_a_tube_through_itself_along_its_own_edges_is_two_solids() -> None:
+    """Nothing crosses where both sheets have their edges: one lobe of the eight was inside out, and felt so."""
+    turn, round_ = (2.0 * np.pi * np.arange(n) / n for n in (48, 32))
+    u, w = (grid.ravel() for grid in np.meshgrid(turn, round_, indexing="ij"))
+    radius = 40.0 + 15.0 * np.sin(w)
+    points = np.stack(
+        [radius * np.cos(u), radius * np.sin(u), 15.0 * np.sin(w) * np.cos(w)], axis=1
+    )
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(48), np.arange(32), indexing="ij"))
+    near, far = i * 32, (i + 1) % 48 * 32
+    a, b, c, d = near + j, far + j, far + (j + 1) % 32, near + (j + 1) % 32
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    made = make_mesh(points, faces, 1e-3)
+    assert_sound(made)
+    at = 1e-3 * np.random.default_rng(5).uniform([-56, -56, -8], [56, 56, 8], (5000, 3))
+    wound = igl.fast_winding_number(points, faces, 1e3 * at)
+    now = igl.fast_winding_number(made.vertices_m, made.triangles.astype(np.int64), at)
+    assert np.array_equal(np.abs(wound) > 0.5, now > 0.5)
+    assert now.min() > -0.1
+
+
 def test_sliver_is_collapsed() -> None:
     fine = trimesh.Trimesh(*box(), process=False).subdivide()
     vertices = np.array(fine.vertices)
@@ -210,6 +245,19 @@ def test_touching_shells_lose_the_wall_between() -> None:
     assert volume(mesh) == pytest.approx(2.0)
     middle = (np.abs(mesh.vertices_m[mesh.triangles][:, :, 0] - 1.0) < 1e-9).all(axis=1)
     assert not middle.any()
+
+
+def test_touching_cubes_leave_no_wall_of_two_sides() -> None:
+    """Of a ball of voxels the union kept walls without thickness: inside was felt as outside behind them."""
+    ball = trimesh.creation.icosphere(3, radius=12.0)
+    voxels = ball.voxelized(2.0).fill()
+    soup = voxels.as_boxes()
+    mesh = make_mesh(soup.vertices, soup.faces, 1e-3)
+    assert_sound(mesh)
+    assert volume(mesh) == pytest.approx(8e-9 * voxels.filled_count)
+    at = 1e-3 * np.random.default_rng(3).uniform(-14.0, 14.0, (5000, 3))
+    inside = voxels.is_filled(1e3 * at)
+    assert np.array_equal(make_surface(mesh, 30.0).signed_distance(at)[0] < 0.0, inside)
 
 
 def test_separate_shells_stay() -> None:
@@ -355,6 +403,12 @@ def test_coordinates_that_are_not_finite_are_refused(bad: float) -> None:
         make_mesh(vertices, triangles)
 
 
+def test_a_vertex_that_no_triangle_names_may_be_anything() -> None:
+    vertices, triangles = box()
+    mesh = make_mesh(np.concatenate([vertices, [[np.nan, 1e300, 0.0]]]), triangles)
+    assert (len(mesh.vertices_m), mesh.warnings) == (8, ())
+
+
 def test_mesh_without_triangles_is_refused() -> None:
     with pytest.raises(MeshError, match="no triangles"):
         make_mesh(np.zeros((4, 3)), np.zeros((0, 3), dtype=int))
@@ -433,13 +487,31 @@ def test_ascii_stl_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "spell", [str.upper, lambda text: f"  {text}", lambda text: f"\ufeff{text}"]
+    "spell",
+    [
+        lambda text: text.upper().encode(),
+        lambda text: f"  {text}".encode(),
+        lambda text: f"\ufeff{text}".encode(),
+        lambda text: text.encode("utf-16"),
+        lambda text: text.replace("\n", "\r").encode(),
+        lambda text: text.replace("\n", "\r\n").encode(),
+    ],
 )
-def test_ascii_stl_is_known_however_it_begins(tmp_path: Path, spell: Callable[[str], str]) -> None:
+def test_ascii_stl_is_known_however_it_is_written(
+    tmp_path: Path, spell: Callable[[str], bytes]
+) -> None:
     path = tmp_path / "part.stl"
     ball = trimesh.creation.icosphere(2, radius=10.0)
-    path.write_text(spell(trimesh.exchange.stl.export_stl_ascii(ball)), encoding="utf-8")
+    path.write_bytes(spell(trimesh.exchange.stl.export_stl_ascii(ball)))
     assert len(load_mesh(path, 1e-3).triangles) == len(ball.faces)
+
+
+@pytest.mark.parametrize(("head", "tail"), [(b"solid facet by CAD", b""), (b"", b"\0" * 37)])
+def test_a_binary_stl_is_known_by_its_count(tmp_path: Path, head: bytes, tail: bytes) -> None:
+    path = tmp_path / "part.stl"
+    data = trimesh.creation.box(extents=[20, 30, 40]).export(file_type="stl")
+    path.write_bytes(head.ljust(80) + data[80:] + tail)
+    assert volume(load_mesh(path, 1e-3)) == pytest.approx(24e-6)
 
 
 @pytest.mark.parametrize("cut", [-1, -40, -2000])
@@ -482,6 +554,7 @@ def test_parts_of_a_glb_scene_are_placed(tmp_path: Path) -> None:
         ("part.stl", bytes(range(256)) * 10, "part.stl"),
         ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "part.ply"),
         ("part.obj", b"v 1 2 3\nv 1 2 3\n", "part.obj"),
+        ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "names vertex 0"),
         ("part.glb", b"glTF\x02\x00\x00\x00", "part.glb"),
         ("part.iges", b"S      1", "convert it"),
         ("part.step", b"ISO-10303-21;", "part.step"),

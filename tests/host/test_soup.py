@@ -230,6 +230,45 @@ def test_a_sheet_is_refused_with_the_option_and_made_thick_with_it(
     assert any("thick" in warning for warning in mesh.warnings)
 
 
+def test_pages_that_share_a_spine_are_each_as_thick_as_wished() -> None:
+    """Offset by the mean of their normals at the spine they were wedges, of half the volume."""
+    turn = 2.0 * np.pi * np.arange(5) / 5
+    rims = [[(np.cos(a), np.sin(a), z) for z in (0.0, 1.0)] for a in turn]
+    points = np.concatenate([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], *rims])
+    faces = [f for k in range(2, 12, 2) for f in ([0, 1, k + 1], [0, k + 1, k])]
+    mesh = make_mesh(points, np.array(faces), 1e-1, sheet_m=1e-3)
+    assert_sound(mesh)
+    assert topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum() == pytest.approx(
+        5 * 1e-2 * 1e-3, rel=0.02
+    )
+
+
+def test_sheets_that_cross_are_united() -> None:
+    """Judge: a point is inside when it lies within half the thickness of a triangle, along its normal."""
+    rng = np.random.default_rng(1)
+    corners = rng.uniform(0.0, 0.04, (60, 3, 3))
+    mesh = make_mesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3), sheet_m=1e-3)
+    assert_sound(mesh)
+    points = rng.uniform(0.0, 0.04, (5000, 3))
+    inside = np.zeros(len(points), bool)
+    for tri in corners:
+        normal = np.cross(tri[1] - tri[0], tri[2] - tri[0])
+        normal /= np.linalg.norm(normal)
+        sides = [np.cross(tri[k - 2] - tri[k], points - tri[k]) @ normal for k in range(3)]
+        inside |= (np.abs((points - tri[0]) @ normal) < 5e-4) & (np.min(sides, axis=0) > 0.0)
+    now = igl.fast_winding_number(mesh.vertices_m, mesh.triangles.astype(np.int64), points) > 0.5
+    assert np.count_nonzero(now != inside) < 5
+
+
+def test_what_cutting_cannot_part_is_told_with_its_share() -> None:
+    """Faces that lie in one plane and hang together over corners."""
+    rng = np.random.default_rng(2)
+    points = rng.uniform(0.0, 0.04, (12, 3)) * [1.0, 1.0, 0.0]
+    faces = np.array([rng.choice(12, 3, replace=False) for _ in range(20)])
+    mesh = make_mesh(points, faces, sheet_m=1e-3)
+    assert any("the shape may be off there" in warning for warning in mesh.warnings)
+
+
 def test_a_sheet_beside_a_solid_is_left_out_with_its_share() -> None:
     solid, (vertices, triangles) = cube(side=3.0), grid_sheet()
     mesh = make_mesh(*arrays(solid, trimesh.Trimesh(vertices + 4.0, triangles, process=False)))

@@ -114,9 +114,12 @@ def test_a_step_box_has_its_own_size_whatever_the_unit(tmp_path: Path, unit_m: f
     assert mesh.warnings == ()
 
 
-def test_a_damaged_step_is_refused_on_one_line(tmp_path: Path) -> None:
+def test_a_damaged_step_is_refused_on_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "box.stp"
     path.write_text(StepBox((30.0, 20.0, 10.0)).text()[:2000])
     with pytest.raises(MeshError, match=r"box\.stp: .*STEP") as caught:
         load_mesh(path, 1e-3)
     assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")  # nor does its reader say anything

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from crease.base.errors import UnitError
-from crease.base.units import METRES, format_length, parse_length, parse_unit
+from crease.base.units import METRES, format_length, format_place, parse_length, parse_unit
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,6 +47,26 @@ def test_formatted_length_reads_back_within_its_three_digits(length_m: float) ->
     assert parse_length(format_length(length_m)) == pytest.approx(length_m, rel=6e-3)
 
 
+def test_kilometres_are_told_in_full() -> None:
+    assert format_length(2000.0) == "2000 m"
+    assert parse_length(format_length(123456.0)) == 123456.0
+
+
 def test_unknown_unit_names_the_known_ones() -> None:
     with pytest.raises(UnitError, match="mm, cm"):
         parse_unit("furlong")
+
+
+@pytest.mark.parametrize(
+    ("place", "size", "text"),
+    [
+        ((0.0, 1e-17, 20.0), 90.0, "(0, 0, 20)"),
+        ((-1e-9, 0.0123456, 0.04), 0.05, "(0, 0.01235, 0.04)"),
+        ((50012.3456, -30000.0, 1e4), 54.0, "(50012.35, -30000, 10000)"),
+        ((1234.5678, 0.0, 0.0), 3000.0, "(1235, 0, 0)"),
+    ],
+)
+def test_a_place_is_as_fine_as_what_it_lies_on(
+    place: tuple[float, float, float], size: float, text: str
+) -> None:
+    assert format_place(place, size) == text

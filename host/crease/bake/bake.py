@@ -111,11 +111,15 @@ def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
     for name, value in chosen:
         if not (math.isfinite(value) and value > 0):
             raise MeshError(f"{setting(name)} is {value}: must be a positive length")
-    span = float(np.ptp(tool.vertices_m, axis=0).max())
-    if spacing > span:
-        raise MeshError(
-            f"{setting('spacing_m', spacing)} is larger than the tool ({format_length(span)}): use a smaller one"
-        )
+    for name, value, body, mesh in (
+        ("spacing_m", spacing, "tool", tool),
+        ("voxel_m", voxel, "mock-up", static),
+    ):
+        span = float(np.ptp(mesh.vertices_m, axis=0).max())
+        if value > span:
+            raise MeshError(
+                f"{setting(name, value)} is larger than the {body} ({format_length(span)}): use a smaller one"
+            )
     return _sizes_at(voxel, spacing, options)
 
 

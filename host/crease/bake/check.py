@@ -47,6 +47,7 @@ class Findings:
     sharpest_rad: float = 0.0
     sharpest_at_m: F64 = field(default_factory=lambda: np.zeros((0, 3)))
     creases: tuple[int, int] = (0, 0)
+    noise: tuple[str, ...] = ()
 
     def report(self) -> dict[str, Any]:
         """For a program: lengths in m, places in the unit of the file."""
@@ -70,7 +71,7 @@ class Findings:
             "convex_creases": self.creases[0],
             "concave_creases": self.creases[1],
             "accepted": self.mesh is not None,
-            "bake": list(self.mesh.warnings) if self.mesh else [self.reason],
+            "bake": [*self.mesh.warnings, *self.noise] if self.mesh else [self.reason],
         }
 
     def _place(self, points_m: F64) -> list[float] | None:
@@ -84,12 +85,11 @@ def examine(
     vertices, corners = read_arrays(path, unit_m)
     vertices = vertices * unit_m
     first, kind = topology.weld(vertices)
-    vertices, triangles = vertices[first], kind[corners].astype(np.int32)
+    vertices, triangles = topology.compact(vertices[first], kind[corners].astype(np.int32))
     start, end = topology.directed_edges(triangles)
     loose = topology.unbalanced_edges(triangles, len(vertices))
     _, branched = topology.edge_use(triangles, len(vertices))
-    used = vertices[triangles.reshape(-1)]
-    diagonal_m = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+    diagonal_m = math.hypot(*np.ptp(vertices, axis=0))
     pairs = topology.crossing_pairs(vertices, triangles, CROSSING * diagonal_m)
     seen = {
         "source": str(path),
@@ -108,6 +108,7 @@ def examine(
 
 
 def _of_solid(mesh: Mesh, crease_angle_deg: float) -> dict[str, Any]:
+    from crease.bake.bake import noise_warning
     from crease.bake.surface import make_surface
 
     surface = make_surface(mesh, crease_angle_deg)
@@ -126,6 +127,7 @@ def _of_solid(mesh: Mesh, crease_angle_deg: float) -> dict[str, Any]:
         if sharpest >= 0
         else np.zeros((0, 3)),
         "creases": (surface.counts["convex_edges"], surface.counts["concave_edges"]),
+        "noise": tuple(noise_warning(surface, crease_angle_deg)),
     }
 
 

@@ -87,13 +87,16 @@ def foresee_voxmap(
     cells, probed, missed, cell_s = _crease_cells(
         work, surface, grid, some, phi, facet, tolerance_m
     )
+    bricks, row = np.unique(probed[:, 0], return_inverse=True)
+    probing_s = cell_s * len(probed) + len(bricks) * (CHECK_S + CHECK_QUERIES * query_s)
+    work.foresee("surveying", len(probed), probing_s / max(1, len(probed)))
+    work.begin("surveying")
     judged = np.ones((len(some), *(n - 1 for n in phi.shape[1:])), bool)
     judged[tuple(cells.T)] = False
     judged[tuple(probed.T)] = missed
     coarse = Coarse(grid, some, phi, judged, checked)
     fine = 0.0
     if len(probed):
-        bricks, row = np.unique(probed[:, 0], return_inverse=True)
         marked = chosen(coarse, bricks, distance, tolerance_m)[row, *probed[:, 1:].T]
         fine += np.mean(marked) * len(cells)
     judged[tuple(probed.T)] = False

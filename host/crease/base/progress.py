@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TextIO
 
+from crease.base.ending import undone_by
+
 _WIDTH = 30
 _DELAY_S = 1.0
 _REDRAW_S = 0.1
@@ -31,10 +33,17 @@ class Progress:
         self._label_s = self._start_s
 
     def __enter__(self) -> Progress:
+        self._undo = undone_by(self._erase)
+        self._undo.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._undo.__exit__(None, None, None)
+        self._erase()
+
+    def _erase(self) -> None:
         if self._shown:
+            self._stream.flush()
             self._stream.write("\r\x1b[K")
             self._stream.flush()
 

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.ending import steady, undone_by
 from crease.base.errors import CreaseError, TableError
 from crease.base.native import ffi, lib
 from crease.base.settings import setting
@@ -45,6 +46,11 @@ def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
         raise CreaseError(f"{path}: is a folder; name a file")
     if path.exists() and not force:
         raise CreaseError(f"{path}: exists already; give {setting('force', True)} to replace it")
+    _check_parent(path)
+
+
+def _check_parent(path: Path) -> None:
+    """Errors: CreaseError when the folder that `path` lies in is missing."""
     if not path.absolute().parent.is_dir():
         raise CreaseError(f"{path}: there is no folder {path.parent}; make it first")
 
@@ -52,27 +58,36 @@ def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
 @contextlib.contextmanager
 def claim(path: Path) -> Iterator[None]:
     """Hold an output for this process until the work is done.   Errors: CreaseError when another one holds it."""
+    _check_parent(path)
     lock = path.absolute().with_name(f".{path.name}.lock")
+    with contextlib.ExitStack() as held:
+        with steady():
+            _hold(path, lock, held)
+        try:
+            yield
+        finally:
+            with steady():
+                held.close()
+
+
+def _hold(path: Path, lock: Path, held: contextlib.ExitStack) -> None:
+    """Lock the file `lock`, which goes away with `held`."""
     try:
         handle = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
     except OSError as error:
         raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
+    held.callback(os.close, handle)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            here = lock.exists() and os.path.samestat(os.fstat(handle), lock.stat())
-        except OSError:
-            here = False
-        if not here:
-            raise CreaseError(
-                f"{path}: is being written by another `crease`; wait for it, or name another output"
-            )
-        try:
-            yield
-        finally:
-            lock.unlink(missing_ok=True)
-    finally:
-        os.close(handle)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        here = lock.exists() and os.path.samestat(os.fstat(handle), lock.stat())
+    except OSError:
+        here = False
+    if not here:
+        raise CreaseError(
+            f"{path}: is being written by another `crease`; wait for it, or name another output"
+        )
+    held.callback(lock.unlink, missing_ok=True)
+    held.enter_context(undone_by(lock.unlink))
 
 
 def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:
@@ -80,31 +95,56 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:
 
     Errors: CreaseError when the disk refuses. Whatever `write` raises passes through, and nothing is left behind.
     """
+    write_together({path: write})
+
+
+def write_together(files: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
+    """write_atomic of files that belong together: all of them or none."""
+    with contextlib.ExitStack() as begun:
+        moves = [(_temporary(path, write, begun), path) for path, write in files.items()]
+        with steady():
+            for made, path in moves:
+                with _refusals(path):
+                    made.replace(path)
+
+
+@contextlib.contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """What the disk refuses within this is told of `path`."""
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
+        yield
     except OSError as error:
         raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
-    try:
+
+
+def _temporary(path: Path, write: Callable[[BinaryIO], None], begun: contextlib.ExitStack) -> Path:
+    """A file beside `path` with what `write` puts into it, taken away with `begun` where it still is."""
+    with _refusals(path):
+        with steady():
+            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
+            made = Path(name)
+            begun.enter_context(undone_by(made.unlink))
+            begun.callback(made.unlink, missing_ok=True)
         with os.fdopen(handle, "wb") as file:
             write(file)
         umask = os.umask(0)
         os.umask(umask)
-        Path(name).chmod(0o666 & ~umask)
-        Path(name).replace(path)
-    except OSError as error:
-        raise CreaseError(f"{path}: cannot be written: {error.strerror}") from error
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            Path(name).unlink()
+        made.chmod(0o666 & ~umask)
+    return made
 
 
 def write_bytes(path: Path, data: bytes) -> None:
     """write_atomic of bytes that are there already."""
+    write_atomic(path, bytes_writer(data))
+
+
+def bytes_writer(data: bytes) -> Callable[[BinaryIO], None]:
+    """For write_atomic: of bytes that are there already."""
 
     def write(file: BinaryIO) -> None:
         file.write(data)
 
-    write_atomic(path, write)
+    return write
 
 
 def _kind(column: Column) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 from crease.base.errors import UnitError
 
@@ -105,8 +106,24 @@ def format_length(length_m: float) -> str:
     if length_m == 0.0:
         return "0 mm"
     size_m = abs(length_m)
+    if 1e3 <= size_m < 1e6:
+        return f"{length_m:.0f} m"
     if size_m >= 1.0:
         return f"{length_m:.3g} m"
     if size_m >= 1e-3:
         return f"{length_m * 1e3:.3g} mm"
     return f"{length_m * 1e6:.3g} um"
+
+
+def format_place(place: Iterable[float], size: float) -> str:
+    """A place for a person, in one unit: to a thousandth of the size of what it lies on, however far away that is."""
+    return f"({', '.join(format_coordinates(place, size))})"
+
+
+def format_coordinates(values: Iterable[float], size: float) -> list[str]:
+    """The numbers of a place, or of a box, as format_place has them."""
+    if size >= 1e9:
+        return [f"{x:.4g}" for x in values]
+    digits = max(0, 3 - math.floor(math.log10(size))) if size > 0.0 else 3
+    texts = [f"{round(float(x), digits) + 0.0:.{digits}f}" for x in values]
+    return [text.rstrip("0").rstrip(".") if digits else text for text in texts]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from crease.bake.check import Findings
-from crease.base.errors import CreaseError
+from crease.base.table import write_atomic
 
 MARKS_MAX = 2000
 """Places of one kind that are marked."""
@@ -27,9 +27,7 @@ def draw_findings(findings: list[Findings], path: Path) -> None:
     for i, one in enumerate(findings):
         _draw_one(figure.add_subplot(rows, columns, i + 1, projection="3d"), one)
     try:
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:
-        raise CreaseError(f"{path}: cannot be written: {error}") from error
+        write_atomic(path, lambda file: figure.savefig(file, format="png", dpi=110))
     finally:
         plt.close(figure)
 

@@ -317,6 +317,17 @@ def polygon_cap(vertices: Vertices, loop: Sequence[int]) -> Triangles | None:
     return triangles
 
 
+def leaves(triangles: Triangles, vertex_count: int) -> list[Triangles]:
+    """The parts of a sheet between its seams, edges of more than two triangles: no side is the outer one there."""
+    one, two = topology.paired_edges(triangles, vertex_count)
+    graph = sparse.coo_matrix(
+        (np.ones(len(one), np.int8), (one // 3, two // 3)), shape=(len(triangles),) * 2
+    )
+    _, leaf = csgraph.connected_components(graph, directed=False)
+    order = np.argsort(leaf, kind="stable")
+    return np.split(triangles[order], np.cumsum(np.bincount(leaf))[:-1])
+
+
 def thicken(
     vertices: Vertices, triangles: Triangles, thickness_m: float
 ) -> tuple[Vertices, Triangles]:

@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 
 from crease.base.errors import MeshError
 from crease.base.settings import setting
-from crease.base.units import METRES, format_length
+from crease.base.units import METRES, format_length, format_place
 from crease.mesh import closing, topology
 from crease.mesh.topology import Indices, Triangles, Vertices
 
@@ -58,8 +58,8 @@ class Draft:
         """Where something is, for a person: mean of the points, in the unit of the file."""
         unit_m = self.wishes.unit_m
         name = next((n for n, metres in METRES.items() if metres == unit_m), "of the file")
-        x, y, z = np.asarray(points).reshape(-1, 3).mean(axis=0) / unit_m
-        return f"({x:.4g}, {y:.4g}, {z:.4g}) {name}"
+        middle = np.asarray(points).reshape(-1, 3).mean(axis=0) / unit_m
+        return f"{format_place(middle, self.diagonal_m / unit_m)} {name}"
 
     def area_m2(self) -> float:
         """Area of the surface."""

@@ -8,6 +8,8 @@ What is seen and done, in this order:
 - what is still open is sewn with more reach, edges take in vertices that lie on them, and every opening of a piece of
   surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
 - slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, which moves no surface further than that;
+- vertices of a closed surface that lie on each other are welded where some of its triangles part nothing:
+  it passes through itself there, along edges;
 - shells that are inside out are turned; one that lies inside another as a cavity stays;
 - shells that meet or overlap are united by manifold3d;
 - a surface that still passes through itself, or has inner faces, is cut along these lines, and what parts inside from
@@ -33,6 +35,7 @@ from crease.mesh.draft import (
     Draft,
     Wishes,
     drop_triangles,
+    percent,
     plural,
     renumber,
     sew,
@@ -44,6 +47,15 @@ from crease.mesh.topology import Triangles, Vertices
 
 SLIVER = 2e-6
 """Share of the diagonal below which a triangle's altitude makes its normal noise (float32: 1e-7 / 2e-6 = 3 degrees)."""
+
+FLAT_TRIANGLE = 2e-7
+"""Share of the diagonal below which the corners of a triangle lie on one line: what float32 keeps, twice."""
+
+CRACKS = 1e-3
+"""Share of the surface from which on what closes the cracks between cut pieces is told."""
+
+LOOKED_AT = 1000
+"""Triangles of a surface that are asked whether they part inside from outside."""
 
 CROSSING = 2e-6
 """Share of the diagonal below which a passage of the surface through itself is taken as touching."""
@@ -71,6 +83,7 @@ def mend_surface(
         _close,
         close_openings,
         _collapse_slivers,
+        _weld_touching,
         _settle_shells,
         _cut_crossings,
         _check_closed,
@@ -86,9 +99,23 @@ def mend_surface(
 def _close(draft: Draft) -> None:
     """Sew, turn and cap where the surface is not closed and oriented already."""
     if len(draft.loose_edges()):
+        _drop_flat(draft)
         sew(draft, WELD)
         turn_triangles(draft)
         cap_holes(draft)
+
+
+def _drop_flat(draft: Draft) -> None:
+    """Triangles whose corners lie on one line, where the surface is less open without them: they close no gap."""
+    flat = topology.altitudes_m(draft.vertices, draft.triangles) < FLAT_TRIANGLE * draft.diagonal_m
+    rest = draft.triangles[~flat]
+    if not flat.any() or len(rest) == 0:
+        return
+    if len(topology.unbalanced_edges(rest, draft.vertex_count)) < len(draft.loose_edges()):
+        draft.triangles = rest
+        draft.notes.append(
+            f"dropped {plural(int(np.count_nonzero(flat)), 'triangle')} without area"
+        )
 
 
 def _check_closed(draft: Draft) -> None:
@@ -145,7 +172,8 @@ def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
         draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
         return
     left = int(np.count_nonzero(topology.altitudes_m(trial.vertices, trial.triangles) < limit_m))
-    if len(trial.loose_edges()) or left >= thin:
+    moved_m3 = abs(trial.volume_m3() - draft.volume_m3())
+    if len(trial.loose_edges()) or left >= thin or moved_m3 > limit_m * draft.area_m2():
         draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
         return
     draft.vertices, draft.triangles = trial.vertices, trial.triangles
@@ -153,6 +181,26 @@ def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
         f"collapsed {plural(thin - left, 'sliver')} thinner than {format_length(limit_m)}: "
         f"{before:,} triangles became {len(draft.triangles):,}"
     )
+
+
+def _weld_touching(draft: Draft) -> None:
+    """Where a surface passes through itself along edges of both sheets, nothing crosses: these edges become one."""
+    if draft.layered or len(draft.loose_edges()):
+        return
+    first, kind = topology.weld(np.round(draft.vertices / (WELD * draft.diagonal_m)))
+    gone = draft.vertex_count - len(first)
+    if gone == 0:
+        return
+    some = np.linspace(0, len(draft.triangles) - 1, LOOKED_AT).astype(np.int32)
+    middle = draft.vertices[draft.triangles[some]].mean(axis=1)
+    found = arrange.Winding(draft.vertices, draft.triangles).at(middle, some)
+    if np.ptp(found) < 2.0 * arrange.CLEAR:
+        return
+    if len(topology.crossing_pairs(draft.vertices, draft.triangles, CROSSING * draft.diagonal_m)):
+        return  # these are cut
+    draft.vertices, draft.triangles = draft.vertices[first], kind[draft.triangles].astype(np.int32)
+    draft.notes.append(f"touches itself: welded {plural(gone, 'pair')} of vertices")
+    drop_triangles(draft)
 
 
 def _shell_boxes(draft: Draft, shell: npt.NDArray[np.int32], count: int) -> npt.NDArray[np.float64]:
@@ -259,12 +307,26 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         part = Manifold.batch_boolean(solids, OpType.Add)
         whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
-    now = topology.shells(draft.vertices, draft.triangles)[0]
+    now = _drop_flat_shells(draft)
+    codes = topology.undirected_codes(draft.triangles, draft.vertex_count)
+    # Where solids touch along edges a wall between two of them may be left: then winding numbers decide.
+    draft.layered = bool(np.unique(codes, return_counts=True)[1].max() > 2)
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
             f"({_change(area_m2, draft.area_m2())} of the area, {_change(volume_m3, draft.volume_m3())} of the volume)"
         )
+
+
+def _drop_flat_shells(draft: Draft) -> int:
+    """Walls between solids that touch, of which a union leaves both sides.   Output: how many shells stay."""
+    count, shell = topology.shells(draft.vertices, draft.triangles)
+    volume_m3 = np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles))
+    area_m2 = np.bincount(shell, weights=topology.areas_m2(draft.vertices, draft.triangles))
+    solid = np.abs(volume_m3) > CROSSING * draft.diagonal_m * area_m2
+    if not solid.all():
+        draft.triangles = draft.triangles[solid[shell]]
+    return count - int(np.count_nonzero(~solid))
 
 
 def _outer_meet(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bool_]) -> bool:
@@ -326,16 +388,26 @@ def _collapse_new_slivers(draft: Draft) -> None:
 
 def _change(before: float, after: float) -> str:
     percent = 100.0 * (after - before) / max(abs(before), 1e-300)
-    return f"{percent:+.2g} %" if abs(percent) >= 1e-3 else "0 %"
+    digits = ".0f" if abs(percent) >= 99.5 else ".2g"
+    return f"{percent:+{digits}} %" if abs(percent) >= 1e-3 else "0 %"
 
 
 def _close_cracks(draft: Draft) -> None:
     """Cracks that rounding left between pieces: caps without thickness, which take leaves off that they lie on."""
     loops = closing.rims(draft.triangles, draft.vertex_count)
+    area_m2, caps = draft.area_m2(), []
     for loop in loops:
         cap = closing.cap(draft.vertices, loop)
+        caps.append(cap)
         draft.vertices = np.concatenate([draft.vertices, cap.points_m])
         draft.triangles = np.concatenate([draft.triangles, cap.triangles])
+    share = sum(cap.area_m2 for cap in caps) / area_m2
+    if share > CRACKS:
+        widest = max(caps, key=lambda cap: cap.area_m2)
+        draft.notes.append(
+            f"cutting left openings: closed {plural(len(caps), 'opening')}, {percent(share)} of the surface, one near "
+            f"{draft.place(widest.middle_m)}; the shape may be off there"
+        )
     draft.triangles = topology.without_leaves(draft.triangles)
     draft.vertices, draft.triangles = topology.compact(draft.vertices, draft.triangles)
 

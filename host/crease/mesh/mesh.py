@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import io
+import math
+import os
+import re
+import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.arguments import check_positive
+from crease.base.ending import undone_by
 from crease.base.errors import MeshError, UnitError
 from crease.base.settings import setting
 from crease.base.table import describe
@@ -29,6 +37,9 @@ SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", *STEP)
 STL_HEAD = 84
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A binary STL: bytes before its triangles, and one of these."""
+
+OBJ_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t])?0+(?:[/ \t\r]|$)", re.MULTILINE)
+"""A face of an OBJ with a vertex 0: its reader takes it for the last one."""
 
 CHORD_M = 2e-5
 """How far triangles may lie from the curved surfaces of a STEP file."""
@@ -176,11 +187,40 @@ def read_arrays(path: Path, unit_m: float) -> tuple[npt.NDArray[np.float64], npt
 def _parse_whole(
     path: Path, source: bytes, unit_m: float, chord_m: float
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    source = _plain(path, source)
     _check_whole(path, source)
     if path.suffix.lower() not in STEP:
         return _parse(path, source)
     vertices_m, triangles = _parse(path.with_suffix(".glb"), _tessellate(path, chord_m))
     return vertices_m / unit_m, triangles
+
+
+def _plain(path: Path, source: bytes) -> bytes:
+    """Text as its readers know it: UTF-8 without a mark, and lines that end as they do here."""
+    if path.suffix.lower() not in (".stl", ".obj", ".off") or _is_binary_stl(source):
+        return source
+    if source.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        source = source.decode("utf-16", errors="replace").encode()
+    source = source.removeprefix(codecs.BOM_UTF8)
+    if b"\r" in source and b"\n" not in source and b"\0" not in source:
+        return source.replace(b"\r", b"\n")
+    return source
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Within this nothing is said on stdout and stderr, by libraries of C++ either."""
+    kept = [os.dup(number) for number in (1, 2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for number in (1, 2):
+            os.dup2(nowhere, number)
+        yield
+    finally:
+        for number, stream in zip((1, 2), kept, strict=True):
+            os.dup2(stream, number)
+        for stream in (*kept, nowhere):
+            os.close(stream)
 
 
 def _tessellate(path: Path, chord_m: float) -> bytes:
@@ -191,10 +231,14 @@ def _tessellate(path: Path, chord_m: float) -> bytes:
         raise MeshError(
             f"{path}: STEP is read with an extra; run pip install 'crease[step]', or convert it"
         ) from None
-    with tempfile.TemporaryDirectory() as folder:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        undone_by(partial(shutil.rmtree, folder)),
+    ):
         made = Path(folder) / "made.glb"
         try:
-            status = cascadio.step_to_glb(str(path), str(made), chord_m * 1e3, CHORD_ANGLE_RAD)
+            with _silent():
+                status = cascadio.step_to_glb(str(path), str(made), chord_m * 1e3, CHORD_ANGLE_RAD)
         except Exception as error:  # whatever the reader makes of a damaged file
             raise MeshError(f"{path}: cannot be read as STEP: {describe(error)[:160]}") from error
         if status != 0 or not made.exists():
@@ -205,9 +249,9 @@ def _tessellate(path: Path, chord_m: float) -> bytes:
 def _check_whole(path: Path, source: bytes) -> None:
     """Refuse an STL that ends before its last triangle."""
     head, record = STL_HEAD, STL_TRIANGLE.itemsize
-    if path.suffix.lower() != ".stl":
+    if path.suffix.lower() != ".stl" or _is_binary_stl(source):
         return
-    start = source[:2000].removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    start = source[:2000].lstrip().lower()
     if start.startswith(b"solid") and b"facet" in start:
         if b"endsolid" not in source[-2000:].lower():
             raise MeshError(
@@ -225,14 +269,16 @@ def _check_whole(path: Path, source: bytes) -> None:
 
 
 def _is_binary_stl(source: bytes) -> bool:
-    """Whether it is as long as the number of its triangles says, and no text."""
+    """Whether it holds as many triangles as it says, whatever follows: letters of a text would say over 500 million."""
     count = int.from_bytes(source[80:84], "little")
-    return count > 0 and len(source) == STL_HEAD + STL_TRIANGLE.itemsize * count
+    return count > 0 and len(source) >= STL_HEAD + STL_TRIANGLE.itemsize * count
 
 
 def _parse_binary_stl(source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """As trimesh reads it, in a tenth of the time."""
-    corners = np.frombuffer(source, STL_TRIANGLE, offset=STL_HEAD)["corners"].reshape(-1, 3)
+    count = int.from_bytes(source[80:84], "little")
+    whole = np.frombuffer(source, STL_TRIANGLE, count, STL_HEAD)
+    corners = whole["corners"].reshape(-1, 3)
     with np.errstate(all="ignore"):  # numbers that are none are refused by who asks for these
         return corners.astype(np.float64), np.arange(len(corners)).reshape(-1, 3)
 
@@ -240,7 +286,7 @@ def _parse_binary_stl(source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]
 def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Vertices and triangles as the file has them, polygons cut into triangles."""
     vertices, triangles = _parse_fans(path, source)
-    if path.suffix.lower() in WITH_POLYGONS:
+    if path.suffix.lower() in WITH_POLYGONS and np.isfinite(vertices).all():
         return vertices, unfold(vertices, triangles)
     return vertices, triangles
 
@@ -255,6 +301,8 @@ def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArra
         kind = path.suffix.lower()[1:]
         if kind == "off":
             return parse_off(source.decode("latin-1"))
+        if kind == "obj" and OBJ_ZERO.search(source):
+            raise ValueError("a face names vertex 0, the first is 1")
         with np.errstate(all="ignore"):  # numbers that are none are refused by who asks for these
             scene = trimesh.load_scene(
                 io.BytesIO(source), file_type=kind, process=False, skip_materials=True
@@ -285,11 +333,13 @@ def _check_numbers(
         )
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise MeshError(f"{source}: a triangle names a vertex that is not there; export it again")
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    used = np.zeros(len(vertices), bool)
+    used[triangles] = True
+    bad = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
     if len(bad):
         raise MeshError(
-            f"{source}: {len(bad):,} vertices are not finite numbers, the first is vertex {bad[0]}; "
-            "export it again"
+            f"{source}: {len(bad):,} of {len(vertices):,} vertices are not finite numbers, the first is vertex "
+            f"{bad[0]}; export it again"
         )
 
 
@@ -305,7 +355,7 @@ def _likely_units(diagonal: float) -> str:
 
 def _check_size(points_m: npt.NDArray[np.float64], unit_m: float, source: str) -> list[str]:
     """Refuse a box that no tool or mock-up has; warn of one that few have."""
-    diagonal_m = float(np.linalg.norm(points_m.max(axis=0) - points_m.min(axis=0)))
+    diagonal_m = math.hypot(*np.ptp(points_m, axis=0))
     if diagonal_m == 0.0:
         raise MeshError(f"{source}: all vertices are one point; export it again")
     likely = _likely_units(diagonal_m / unit_m)

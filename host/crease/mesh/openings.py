@@ -188,12 +188,13 @@ class _Pieces:
         count = draft.vertex_count
         for i in range(len(self.rims)):
             if self.sheets[i]:
-                points, solid = closing.thicken(
-                    draft.vertices, draft.triangles[self.of == i], draft.wishes.sheet_m or 0.0
-                )
-                vertices.append(points)
-                parts.append(solid + count)
-                count += len(points)
+                for leaf in closing.leaves(draft.triangles[self.of == i], draft.vertex_count):
+                    points, solid = closing.thicken(
+                        draft.vertices, leaf, draft.wishes.sheet_m or 0.0
+                    )
+                    vertices.append(points)
+                    parts.append(solid + count)
+                    count += len(points)
                 continue
             for cap in self.caps_of(i):
                 new = np.where(cap.triangles < draft.vertex_count, cap.triangles, count)
@@ -201,7 +202,8 @@ class _Pieces:
                 vertices.append(cap.points_m)
                 count += len(cap.points_m)
         self._tell()
-        draft.layered = True
+        # Sheets made thick are solids, which are united if they meet; what caps close may have faces inside.
+        draft.layered = any(not sheet and self.caps_of(i) for i, sheet in enumerate(self.sheets))
         draft.vertices = np.concatenate(vertices)
         draft.triangles = np.concatenate(parts).astype(np.int32)
 

@@ -15,6 +15,9 @@ Vertices = npt.NDArray[np.float64]
 Triangles = npt.NDArray[np.int32]
 Indices = npt.NDArray[np.int64]
 
+ANGLE_SAME = 1e-9
+"""Triangles round an edge that turn by less, in rad, lie on each other."""
+
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
@@ -163,7 +166,7 @@ def shells(vertices: Vertices, triangles: Triangles) -> tuple[int, npt.NDArray[n
     """Number of connected shells of a closed mesh, and the shell of each triangle.
 
     Where more than two triangles meet in an edge, those are neighbours that enclose material between them: two solids
-    that touch along an edge or a face are two shells.
+    that touch along an edge or a face are two shells, also where one of them is inside out.
     """
     codes = undirected_codes(triangles, len(vertices))
     order = np.argsort(codes, kind="stable")
@@ -196,13 +199,17 @@ def _neighbours_at(
     out = out - np.outer(out @ axis, axis)
     first = out[0] / np.linalg.norm(out[0])
     angle = np.arctan2(out @ np.cross(axis, first), out @ first)
-    # Material lies on the falling side of a forward triangle: its neighbour is the first backward one on that way.
-    behind = np.flatnonzero(~forward)
-    pairs = []
-    for i in np.flatnonzero(forward).tolist():
-        turn = (angle[i] - angle[behind]) % (2.0 * np.pi)
-        turn[turn < 1e-9] = 2.0 * np.pi
-        pairs.append((int(faces[i]), int(faces[behind[np.argmin(turn)]])))
+    # Material lies on the falling side of a forward triangle. On that way forward and backward ones nest as brackets
+    # do, those that lie on each other first the backward one: nothing lies between them.
+    fall = np.round(-angle / ANGLE_SAME) % np.round(2.0 * np.pi / ANGLE_SAME)
+    order = np.lexsort((forward, fall))
+    depth = np.cumsum(np.where(forward[order], 1, -1))
+    pairs, opened = [], []
+    for i in np.roll(order, -int(np.argmin(depth)) - 1).tolist():
+        if forward[i]:
+            opened.append(int(faces[i]))
+        elif opened:
+            pairs.append((opened.pop(), int(faces[i])))
     return pairs
 
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crease.base.errors import MeshError
 from crease.base.progress import Forecast, Progress
-from crease.base.table import check_suffix, check_target, claim, write_bytes
+from crease.base.table import bytes_writer, check_suffix, check_target, claim, write_together
 from crease.base.units import format_length
 from crease.verbs.common import (
     SubParsers,
@@ -117,21 +114,17 @@ def add_parser(sub: SubParsers) -> None:
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for meshes that cannot be mended, or an output that cannot be written."""
     from crease.bake.bake import bake_scene
-    from crease.bake.bodies import write_bodies
+    from crease.bake.bodies import pack_bodies
     from crease.base.scene import meshes_path
 
     check_suffix(args.output, (".crs",))
-    with _interruptible() as check, claim(args.output):
+    bodies = meshes_path(args.output)
+    with claim(args.output):
         check_target(args.output, args.force, (args.static, args.tool))
-        check_target(meshes_path(args.output), args.force)
+        check_target(bodies, args.force)
         start_s = time.monotonic()
         with Progress() as progress:
-
-            def tell(label: str, part: float, left_s: float) -> None:
-                check()
-                progress(label, part, left_s)
-
-            work = Forecast(tell, heard=progress.live)
+            work = Forecast(progress, heard=progress.live)
             static, tool = read_meshes(args, work.prepare)
             warnings = [*static.warnings, *tool.warnings]
             warn(warnings)
@@ -139,11 +132,8 @@ def run(args: argparse.Namespace) -> None:
         warn(result.warnings)
         if args.strict and result.warnings:
             raise MeshError(f"{result.warnings[0]}; --strict refuses that")
-        check()
-        bodies = meshes_path(args.output)
-        with _together(bodies):
-            write_bodies(args.output, static, tool)
-            write_bytes(args.output, result.image)
+        data = {bodies: pack_bodies(static, tool), args.output: result.image}
+        write_together({path: bytes_writer(part) for path, part in data.items()})
     report = {
         "output": str(args.output),
         "meshes": str(bodies),
@@ -156,46 +146,6 @@ def run(args: argparse.Namespace) -> None:
         print_json(report)
     else:
         print_report(report)
-
-
-@contextmanager
-def _together(first: Path) -> Iterator[None]:
-    """A file that is not left where it was not before, when what belongs to it cannot be written."""
-    there = first.exists()
-    try:
-        yield
-    except BaseException:
-        if not there:
-            first.unlink(missing_ok=True)
-        raise
-
-
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], None]]:
-    """Within this, SIGTERM ends the work as SIGINT does: what was begun is taken away.
-
-    Output: to be called now and then: libraries swallow an interrupt that comes while they are imported.
-    """
-    heard: list[int] = []
-
-    def hear(number: int, _: object) -> None:
-        heard.append(number)
-        raise KeyboardInterrupt
-
-    def check() -> None:
-        if heard:
-            raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield check
-        return
-    told = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
-    before = {number: signal.signal(number, hear) for number in told}
-    try:
-        yield check
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def read_meshes(

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from crease.base.ending import raising
 from crease.base.errors import BusError
 from crease.verbs.common import SubParsers, add_force, add_json, number, print_json
 
@@ -193,7 +194,7 @@ def _watch(args: argparse.Namespace) -> None:
         listeners: list[can.Listener] = []
         if args.log is not None:
             listeners.append(stack.enter_context(can.Logger(args.log)))
-        with contextlib.suppress(KeyboardInterrupt), one_line(bus):
+        with raising(), contextlib.suppress(KeyboardInterrupt), one_line(bus):
             _listen(bus, monitor, listeners, args.seconds, sys.stdout.isatty() and not args.json)
     _show(args, monitor)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from crease.base.errors import CreaseError, MeshError
 from crease.base.table import check_suffix, check_target
-from crease.base.units import METRES, format_length
+from crease.base.units import METRES, format_coordinates, format_length, format_place
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -80,11 +80,13 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
     """The findings for a person."""
     report = one.report()
     name = next((n for n, metres in METRES.items() if metres == one.unit_m), "units")
-    size = " x ".join(f"{side / one.unit_m:.4g}" for side in report["size_m"])
+    sides = [side / one.unit_m for side in report["size_m"]]
+    span = math.hypot(*sides)
+    size = " x ".join(format_coordinates(sides, span))
     lines = [
         ("mesh", f"{one.source}: {report['triangles']:,} triangles, {size} {name}"),
-        ("closed", _closed(report)),
-        ("crossings", _with_place(f"{report['crossings']:,}", report["crossing_at"])),
+        ("closed", _closed(report, span)),
+        ("crossings", _with_place(f"{report['crossings']:,}", report["crossing_at"], span)),
     ]
     if one.mesh is not None:
         wall = report["thinnest_wall_m"]
@@ -93,11 +95,11 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
                 "inside",
                 f"{report['volume_m3'] / one.unit_m**3:.4g} {name}^3, {report['shells']:,} shells",
             ),
-            ("thinnest wall", _with_place(_wall(wall, voxel_m), report["thinnest_wall_at"])),
+            ("thinnest wall", _with_place(_wall(wall, voxel_m), report["thinnest_wall_at"], span)),
             (
                 "sharpest edge",
                 _with_place(
-                    f"{math.degrees(one.sharpest_rad):.0f} deg", report["sharpest_edge_at"]
+                    f"{math.degrees(one.sharpest_rad):.0f} deg", report["sharpest_edge_at"], span
                 ),
             ),
             ("creases", f"{one.creases[0]:,} convex, {one.creases[1]:,} concave"),
@@ -107,11 +109,11 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
     return [*lines, *(("bake", text) for text in (said or [head]))]
 
 
-def _closed(report: dict[str, object]) -> str:
+def _closed(report: dict[str, object], span: float) -> str:
     if report["closed"]:
         return "yes"
     text = f"no: {report['open_edges']:,} open edges, {report['branched_edges']:,} with three or more triangles"
-    return _with_place(text, report["open_at"])
+    return _with_place(text, report["open_at"], span)
 
 
 def _wall(wall_m: float | None, voxel_m: float | None) -> str:
@@ -124,7 +126,7 @@ def _wall(wall_m: float | None, voxel_m: float | None) -> str:
     return text
 
 
-def _with_place(text: str, place: object) -> str:
+def _with_place(text: str, place: object, size: float) -> str:
     if not isinstance(place, list):
         return text
-    return f"{text}, near ({', '.join(f'{x:.4g}' for x in place)})"
+    return f"{text}, near {format_place(place, size)}"

@@ -132,6 +132,7 @@ _ELSEWHERE = {
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
+    from crease.base.ending import raising
     from crease.base.errors import LoopError
     from crease.bus.transport import check_bitrate
     from crease.loop.hil import describe, run_socketcan
@@ -150,7 +151,7 @@ def run(args: argparse.Namespace) -> None:
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != DEFAULT_RESPONSE:
             raise LoopError(_ELSEWHERE[(*given, "response")[0]])
-        with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
+        with raising(), tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
     else:

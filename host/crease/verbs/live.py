@@ -9,6 +9,7 @@ import sys
 import webbrowser
 from pathlib import Path
 
+from crease.base.ending import raising
 from crease.base.errors import CreaseError
 from crease.base.scene import open_scene
 from crease.replay.trajectory import load_trajectory
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace, files: list[Path]) -> None:
             webbrowser.open(address)
 
     try:
-        with contextlib.suppress(KeyboardInterrupt):
+        with raising(), contextlib.suppress(KeyboardInterrupt):
             asyncio.run(server.serve(ready, args.seconds))
     finally:
         session.stop()

@@ -1,0 +1,86 @@
+"""How the command ends when it is told to, by SIGINT or SIGTERM, wherever it is.
+
+Nothing is raised there: an exception out of a signal breaks what is being imported, down to crashes of extensions. What
+was begun is undone, and the process ends at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any
+
+SIGNALS: dict[int, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+}
+"""What ends the command, and what Python does with it."""
+
+_begun: list[Callable[[], object]] = []
+_steady: list[None] = []
+_heard: list[int] = []
+
+
+def end(number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
+    """End the process, with what was begun undone; within `steady` as soon as that is left."""
+    if _steady:
+        _heard.append(number)
+        return
+    for undo in reversed(_begun):
+        with suppress(Exception):  # one that fails keeps no other
+            undo()
+    with suppress(OSError):
+        os.write(2, b"error: interrupted\n")
+    os._exit(1)
+
+
+def hear() -> None:
+    """From now on the signals end the process so, unless it was started with others in mind."""
+    for number, usual in SIGNALS.items():
+        if signal.getsignal(number) is usual:
+            signal.signal(number, end)
+
+
+def be_deaf() -> None:
+    """The work is done: a signal that comes now no longer makes it undone."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is end:
+            signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def raising() -> Iterator[None]:
+    """Within this the signals do what they do in Python: for work that an interrupt ends in its own way."""
+    heard = [number for number in SIGNALS if signal.getsignal(number) is end]
+    for number in heard:
+        signal.signal(number, SIGNALS[number])
+    try:
+        yield
+    finally:
+        for number in heard:
+            signal.signal(number, end)
+
+
+@contextmanager
+def steady() -> Iterator[None]:
+    """Within this, which must be short, nothing ends: for steps that belong together."""
+    _steady.append(None)
+    try:
+        yield
+    finally:
+        _steady.pop()
+        if _heard and not _steady:
+            end(_heard[0])
+
+
+@contextmanager
+def undone_by(undo: Callable[[], object]) -> Iterator[None]:
+    """An end within this calls `undo`."""
+    _begun.append(undo)
+    try:
+        yield
+    finally:
+        _begun.remove(undo)
