@@ -95,6 +95,17 @@ def test_patches_between_samples_are_one() -> None:
     assert sum(surface.counts[e] for e in edges) == sum(told.counts[e] for e in edges)
 
 
+def test_patches_of_narrow_facets_are_fine() -> None:
+    """A drum of 24 sides, 5.2 mm wide and 10 mm high: twice the area by the border is 3.4 mm."""
+    shape = trimesh.creation.cylinder(20.0, 10.0, sections=24)
+    told = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3, source="drum"), 30.0)
+    assert not told.fine.any()
+    side = told.facet_patch[np.abs(told.facet_plane[:, 2]) < 0.5]
+    assert len(np.unique(side)) == 1
+    assert np.flatnonzero(join_narrow(told, 1.8e-3).fine).tolist() == [side[0]]
+    assert not join_narrow(told, 1.6e-3).fine.any()
+
+
 def chamfered(side: float, chamfer: float) -> trimesh.Trimesh:
     """A cube whose edges are cut off."""
     half = 0.5 * side

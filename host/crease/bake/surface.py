@@ -64,6 +64,8 @@ class Surface:
     creases: Creases
     doubtful: npt.NDArray[np.bool_] = field(repr=False)
     """Triangles (n,) with a corner where the surface touches itself: there its normals may not tell what is inside."""
+    fine: npt.NDArray[np.bool_] = field(repr=False)
+    """Patches (n,) of several facets, all of them narrower than two samples are apart; none before join_narrow."""
     winding: Winding | None = field(repr=False)
     """Tells inside from outside next to doubtful triangles; None where there are none."""
 
@@ -189,6 +191,7 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
         area,
         Creases(ends, sides, convex.astype(bool), angle),
         doubtful,
+        np.zeros(counts.patches, bool),
         Winding(vertices, triangles) if doubtful.any() else None,
     )
 
@@ -219,7 +222,7 @@ def join_narrow(surface: Surface, least_m: float) -> Surface:
         "convex_edges": int(np.count_nonzero(creases.convex[outside])),
         "concave_edges": int(np.count_nonzero(~creases.convex[outside])),
     }
-    return replace(
+    made = replace(
         surface,
         counts=counts,
         patch_of=joined[surface.patch_of],
@@ -231,6 +234,22 @@ def join_narrow(surface: Surface, least_m: float) -> Surface:
             creases.angle_rad[outside],
         ),
     )
+    return replace(made, fine=_patches_of_narrow_facets(made, 2.0 * least_m))
+
+
+def _patches_of_narrow_facets(surface: Surface, least_m: float) -> npt.NDArray[np.bool_]:
+    """Patches of several facets that are all narrower than least_m: twice the area of each by its border."""
+    triangles, facets = surface.mesh.triangles, len(surface.facet_patch)
+    ends = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    pairs = np.lexsort((ends[:, 1], ends[:, 0])).reshape(-1, 2)  # the mesh is closed
+    sides = np.repeat(surface.facet_of, 3)[pairs]
+    apart = sides[:, 0] != sides[:, 1]
+    a_m, b_m = surface.mesh.vertices_m[ends[pairs[apart, 0]]].swapaxes(0, 1)
+    length_m = np.linalg.norm(b_m - a_m, axis=1)
+    border_m = sum(np.bincount(side, length_m, facets) for side in sides[apart].T)
+    wide = 2.0 * surface.facet_area_m2 >= least_m * border_m
+    several = np.bincount(surface.facet_patch, minlength=surface.counts["patches"]) > 1
+    return several & (np.bincount(surface.facet_patch, wide, len(several)) == 0)
 
 
 def _connected(pairs: I32, count: int) -> tuple[int, I32]:

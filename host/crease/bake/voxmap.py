@@ -281,8 +281,8 @@ def flat_facets(
     """Facets whose distances are those of planes: alone in their patch, at a crease, or all that some brick sees.
 
     The others are facets of a round surface, and are felt as the patch in all of their cells: where some were planes,
-    the force would jump as samples come from the ones to the others. Of a patch none of whose facets fills a brick,
-    those that are planes for the crease are felt as the patch too, with distances of planes: second result.
+    the force would jump as samples come from the ones to the others. Where no facet of a patch is as wide as two
+    samples are apart the planes are felt as the patch too, with distances of planes: second result.
     Shapes: facet (bricks, 9, 9, 9).
     """
     triangles, patch = surface.mesh.triangles, surface.patch_of[:, None]
@@ -293,10 +293,8 @@ def flat_facets(
     flat = np.asarray(np.bincount(surface.facet_patch)[surface.facet_patch] == 1)
     seen = facet.reshape(len(facet), -1)
     flat[seen[(seen == seen[:, :1]).all(axis=1), 0]] = True
-    at_crease = np.zeros_like(flat)
-    at_crease[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
-    wide = np.bincount(surface.facet_patch[flat], minlength=surface.counts["patches"]) > 0
-    return flat | at_crease, at_crease & ~wide[surface.facet_patch]
+    flat[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
+    return flat, flat & surface.fine[surface.facet_patch]
 
 
 def _sets(facet: I32) -> list[tuple[int, ...]]:
