@@ -26,6 +26,20 @@ static const char *open_path(job *j, const job_head *head, const cr_scene *scene
     return err == CR_OK ? NULL : cr_err_text(err);
 }
 
+/* The coupling lies behind the world, whose scene it looks in. */
+static const char *open_held(job *j, uint8_t *memory, size_t memory_bytes) {
+    cr_couple_config config;
+    const size_t at = (j->state_bytes + 63u) & ~(size_t)63u;
+    if (memory_bytes < at + sizeof(cr_coupled)) {
+        return "no room for a coupling";
+    }
+    memcpy(&config, j->bytes + JOB_CONFIG_AT + sizeof(cr_config), sizeof config);
+    j->coupled = (cr_coupled *)(void *)(memory + at);
+    j->state_bytes = (uint32_t)(at + sizeof(cr_coupled));
+    const cr_err err = cr_coupled_init(j->coupled, &config);
+    return err == CR_OK ? NULL : cr_err_text(err);
+}
+
 static const char *open_recording(job *j, const job_head *head, const cr_scene *scene, void *memory,
                                   size_t memory_bytes) {
     cr_record_head found;
@@ -48,7 +62,7 @@ const char *job_open(job *j, const void *bytes, size_t size, void *memory, size_
     memset(j, 0, sizeof *j);
     j->bytes = bytes;
     j->answers = j->all = FNV_START;
-    if (size < JOB_CONFIG_AT + sizeof(cr_config)) {
+    if (size < JOB_CONFIG_AT + sizeof(cr_config) + sizeof(cr_couple_config)) {
         return "no job: too short";
     }
     memcpy(&head, bytes, sizeof head);
@@ -64,12 +78,17 @@ const char *job_open(job *j, const void *bytes, size_t size, void *memory, size_
         return cr_err_text(err);
     }
     j->steps = head.kind == JOB_STEPS;
-    return head.kind != JOB_RECORDING ? open_path(j, &head, &scene, memory, memory_bytes)
-                                      : open_recording(j, &head, &scene, memory, memory_bytes);
+    if (head.kind == JOB_RECORDING) {
+        return open_recording(j, &head, &scene, memory, memory_bytes);
+    }
+    const char *wrong = open_path(j, &head, &scene, memory, memory_bytes);
+    return wrong == NULL && head.kind == JOB_HELD ? open_held(j, memory, memory_bytes) : wrong;
 }
 
 void job_tick(job *j, uint32_t i) {
-    if (j->steps) {
+    if (j->coupled != NULL) {
+        cr_couple_tick(j->coupled, j->world, &j->rows[i].world_from_tool, j->rows[i].period_s, &j->held);
+    } else if (j->steps) {
         cr_feel(j->world, &j->rows[i].world_from_tool, j->rows[i].period_s, &j->out);
         (void)cr_search(j->world, 1u);
     } else if (j->rows != NULL) {
@@ -92,7 +111,19 @@ static void hash_output(job *j, const cr_output *out) {
     j->touching += out->area_count > 0u;
 }
 
+static void hash_held(job *j) {
+    const cr_couple_stats *s = &j->coupled->stats;
+    j->answers = hash_words(j->answers, &j->held, sizeof j->held);
+    j->all = hash_words(hash_words(j->all, &j->answers, sizeof j->answers), s, sizeof *s);
+    j->overflows += s->dropped + s->refused;
+    j->touching += j->held.pressing > 0u;
+}
+
 void job_hash(job *j) {
+    if (j->coupled != NULL) {
+        hash_held(j);
+        return;
+    }
     if (j->rows != NULL) {
         hash_output(j, &j->out);
         return;

@@ -24,6 +24,7 @@ from jobs import (
     ROOT,
     STEPS,
     free_rows,
+    golden_held_jobs,
     golden_path_job,
     path_job,
     recording_job,
@@ -40,7 +41,11 @@ LATE = {f"{name}_late": name for name in (CUBE, "bar_u", "wall_cube", "groove_bl
 """Scenes once more with a bound on the work of a tick that searches itself: most answers are late."""
 STEPPED = {f"{name}_steps": name for name in (CUBE, "wall_cube", "part_spanner")}
 """And at two rates: one step of the search after each feel."""
-GOLDENS = (*SCENES, *LATE, *STEPPED, FREE, LOOP)
+HELD = {f"{name}_held": name for name in ("peg_04", "cylinder_edges")}
+"""Tools that a hand holds by springs, of meshes/six."""
+DIRECT = {f"{name}_direct": name for name in HELD.values()}
+"""The same paths by the direct force, for the cost alone."""
+GOLDENS = (*SCENES, *LATE, *STEPPED, FREE, LOOP, *HELD)
 STRESS = ("wall_cube", "edge120_cube", "edge60_cube", "corner3_cube", "step_cube", "cylinder_ball")
 """More scenes, for the cost alone, with --long."""
 FLAGS = ("-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno")
@@ -91,7 +96,7 @@ def build_host(name: str) -> Path:
     compiler, *options = HOSTS[name]
     program = runner_of(name)
     sources = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
-    sources += FIRMWARE_C
+    sources += FIRMWARE_C + COUPLE_C
     includes = [f"-I{ROOT / 'firmware'}", f"-I{ROOT / 'tests/check'}"]
     command([compiler, *FLAGS, *options, *includes, *sources, "-lm", "-o", program])
     return program
@@ -114,6 +119,10 @@ def write_jobs(names: Iterable[str]) -> dict[str, Path]:
         elif name == FREE:
             scene = ROOT / "build" / "scenes" / f"{CUBE}.crs"
             paths[name].write_bytes(path_job(scene.read_bytes(), free_rows()))
+        elif name in HELD:
+            paths[name].write_bytes(golden_held_jobs(HELD[name])[0])
+        elif name in DIRECT:
+            paths[name].write_bytes(golden_held_jobs(DIRECT[name])[1])
         elif name in LATE:
             job = golden_path_job(LATE[name], damping_Ns_m=2.0, lookups_max=BOARD_LOOKUPS)
             paths[name].write_bytes(job)
@@ -223,7 +232,7 @@ def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str
         "code of the coupling": code_bytes(couple_objects(build)),
         "variables of the library": static_bytes(build),
         "state of the world": max(
-            run.figures["state"] for name, run in runs.items() if name != LOOP
+            run.figures["state"] for name, run in runs.items() if name not in (LOOP, *HELD)
         ),
         "worst stack": stack.bytes,
         "worst stack of the coupling": stack_of(build, couple_objects(build)).bytes,
@@ -233,6 +242,10 @@ def measured_figures(build: str, runs: dict[str, Run], stack: Chain) -> dict[str
     for name, run in runs.items():
         assert run.ticks is not None
         figures[f"{name} tick max"] = int(run.ticks[:, 0].max())
+    for name, scene in HELD.items():
+        direct = f"{scene}_direct tick max"
+        if direct in figures:
+            figures[f"{name} more than direct"] = figures[f"{name} tick max"] - figures[direct]
     feel = {
         name: run.ticks[:, 1 + run.stages.index("feel")]
         for name, run in runs.items()
@@ -433,7 +446,7 @@ def check_bounds(
     """Measured instructions against those that the counts of the same ticks allow."""
     shares = {}
     for name, run in runs.items():
-        if name != LOOP and name not in STEPPED:
+        if name not in (LOOP, *STEPPED, *HELD):
             made = BUILD / f"{name}.counts"
             run_host(REFERENCE, runner_of(REFERENCE), jobs[name], made)
             counts = np.fromfile(made, dtype="<u4").reshape(-1, COUNTS)
@@ -469,7 +482,7 @@ def main() -> int:
     names.sort(key=lambda name: name != REFERENCE)
     try:
         build_counter()
-        jobs = write_jobs((*GOLDENS, *(STRESS if args.long else ())))
+        jobs = write_jobs((*GOLDENS, *DIRECT, *(STRESS if args.long else ())))
         runs = run_hosts(names, jobs, breaches) | run_devices(jobs)
         check_recording_of_device(jobs, breaches)
         bounds = check_bounds(jobs, runs["m7"], breaches)

@@ -10,9 +10,9 @@
  * belong to the stage that runs. */
 #include "plugin.h"
 
-enum { OUTSIDE, TICK, DETECT, RELATE, DEPTH, RESOLVE, FEEL, SERVO, STAGE_COUNT };
-static const char *const stage_names[STAGE_COUNT] = {"outside", "tick",    "detect", "relate",
-                                                     "depth",   "resolve", "feel",   "servo"};
+enum { OUTSIDE, TICK, DETECT, RELATE, DEPTH, RESOLVE, FEEL, SERVO, COUPLE, STAGE_COUNT };
+static const char *const stage_names[STAGE_COUNT] = {"outside", "tick", "detect", "relate", "depth",
+                                                     "resolve", "feel", "servo",  "couple"};
 
 /* Functions that set the stage: at their first instruction, or wherever they run because stages return into them. */
 static const struct {
@@ -25,7 +25,8 @@ static const struct {
              {"cr_way_turn", RELATE, 0},       {"cr_way_agree", RELATE, 0},  {"cr_way_share_arm", RELATE, 0},
              {"cr_way_push", RESOLVE, 0},      {"cr_search_slice", TICK, 1}, {"cr_feel", FEEL, 1},
              {"cr_search", TICK, 1},           {"cr_accept", FEEL, 0},       {"cr_render", FEEL, 0},
-             {"cr_servo_tick", SERVO, 1},      {"cr_servo_sync", SERVO, 0},  {"cr_servo_rx", SERVO, 0}};
+             {"cr_servo_tick", SERVO, 1},      {"cr_servo_sync", SERVO, 0},  {"cr_servo_rx", SERVO, 0},
+             {"cr_couple_tick", COUPLE, 0}};
 
 typedef struct {
     char name[64];

@@ -4,7 +4,7 @@
 #include "job.h"
 #include "semihost.h"
 
-#define STATE_MAX (128u * 1024u)
+#define STATE_MAX (160u * 1024u)
 
 extern const uint8_t _scene_start[], _scene_room_end[];
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import struct
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from crease.bake.bake import BakeOptions, bake_scene
 from crease.base.native import ffi, lib
+from crease.mesh.mesh import load_mesh
 from crease.replay.trajectory import Trajectory, load_trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,7 +22,7 @@ FIRMWARE_C = [
 """All that a device library is made of."""
 COUPLE_C = sorted((ROOT / "firmware/couple").glob("*.c"))
 """And the one beside it."""
-PATH, RECORDING, STEPS = 0, 1, 2
+PATH, RECORDING, STEPS, HELD = 0, 1, 2, 3
 _CONFIG_AT = 64
 _ALIGN = 64
 
@@ -56,6 +60,15 @@ def path_job(
     return make_job(kind, scene, rows.astype("<f4").tobytes(), bytes(ffi.buffer(config)))
 
 
+def held_job(scene: bytes, rows: npt.NDArray[np.float32], springs: tuple[float, float]) -> bytes:
+    """The path of a hand that holds the tool by springs, N/m and N m/rad."""
+    config = ffi.new("cr_config *", lib.cr_config_default())
+    couple = ffi.new("cr_couple_config *", lib.cr_couple_config_default())
+    couple.stiffness_N_m, couple.stiffness_Nm_rad = springs
+    settings = bytes(ffi.buffer(config)) + bytes(ffi.buffer(couple))
+    return make_job(HELD, scene, rows.astype("<f4").tobytes(), settings)
+
+
 def recording_job(scene: bytes, recording: bytes) -> bytes:
     """A recording of the servo, run again."""
     return make_job(RECORDING, scene, recording)
@@ -66,6 +79,27 @@ def golden_path_job(scene: str, **settings: Any) -> bytes:
     image = (ROOT / "build" / "scenes" / f"{scene}.crs").read_bytes()
     path = load_trajectory(ROOT / "build" / "meshes" / f"{scene}.csv")
     return path_job(image, path_rows(path), **settings)
+
+
+@cache
+def golden_held_jobs(name: str) -> tuple[bytes, bytes]:
+    """One of meshes/six with its own path, springs and image, from build/: held, and by the direct force."""
+    folder = ROOT / "build" / "meshes" / "six"
+    spec = json.loads((folder / f"{name}.json").read_text("utf-8"))
+    image = spec["image"]
+    meshes = (load_mesh(folder / spec[part], 1e-3) for part in ("static", "tool"))
+    sizes = BakeOptions(
+        voxel_m=1e-3 * image["voxel_mm"],
+        spacing_m=1e-3 * image["spacing_mm"],
+        tolerance_m=1e-3 * image["tolerance_mm"] if "tolerance_mm" in image else None,
+        even=image.get("even", False),
+    )
+    springs = spec["spring"]["stiffness_N_m"], spec["spring"]["stiffness_Nm_rad"]
+    scene, rows = (
+        bake_scene(*meshes, sizes).image,
+        path_rows(load_trajectory(folder / f"{name}.csv")),
+    )
+    return held_job(scene, rows, springs), path_job(scene, rows)
 
 
 def free_rows(ticks: int = 300) -> npt.NDArray[np.float32]:

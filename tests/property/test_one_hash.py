@@ -12,7 +12,7 @@ import trimesh
 from crease.bake.bake import BakeOptions, bake_scene
 from crease.base.native import COVERAGES, RESPONSES
 from crease.mesh.mesh import make_mesh
-from jobs import FIRMWARE_C, ROOT, path_job
+from jobs import COUPLE_C, FIRMWARE_C, ROOT, path_job
 
 FLAGS = ["-std=c11", "-D_POSIX_C_SOURCE=200809L", "-ffp-contract=off", "-fno-math-errno"]
 WITH_RIVALS = "-DCR_RIVALS"
@@ -51,6 +51,7 @@ def build(folder: Path, options: str) -> Path:
     sources = [
         *(ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")),
         *FIRMWARE_C,
+        *COUPLE_C,
         *(RIVALS_C if WITH_RIVALS in levels else ()),
         *([ASSERT_FAILED_C] if "-DCR_ASSERTS=1" in levels else ()),
     ]

@@ -41,7 +41,7 @@ build/$(1)/libcouple.a: $(COUPLE_C:%.c=build/$(1)/%.o)
 	@rm -f $$@
 	@$(ARM)ar rcs $$@ $$^
 
-build/$(1)/replay.elf: $(EMULATED_C:%.c=build/$(1)/%.o) build/$(1)/libcrease.a $(CORTEX)/$(BOARD_$(1)).ld $(CORTEX)/sections.ld
+build/$(1)/replay.elf: $(EMULATED_C:%.c=build/$(1)/%.o) build/$(1)/libcouple.a build/$(1)/libcrease.a $(CORTEX)/$(BOARD_$(1)).ld $(CORTEX)/sections.ld
 	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $(CORTEX_LINK) -T $(BOARD_$(1)).ld $$(filter %.o %.a,$$^) -o $$@
 endef
 $(foreach variant,m7 m4f m55,$(eval $(call CORTEX_VARIANT,$(variant))))
@@ -74,7 +74,7 @@ firmware-m7 firmware-m4f firmware-m55: firmware-%:
 	@$(ARM)size -t build/$*/libcrease.a build/$*/libcouple.a
 	@$(ARM)size build/$*/*.elf
 
-check-device: build/.develop build/.device build/scenes/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
+check-device: build/.develop build/.device build/scenes/.stamp build/meshes/six/.stamp firmware-m7 firmware-m4f firmware-m55 ## replays on emulated Cortex-M: hash, instructions, sizes against budgets; LONG=1 does more
 	@cd tests/device && $(abspath $(PY)) check.py $(if $(LONG),--long)
 
 worst: build/.develop build/.device build/scenes/.stamp firmware-m7 ## the most expensive pose of each scene on the Cortex-M7, searched for: 10 minutes; KEEP=1 keeps them
