@@ -85,9 +85,9 @@ large, mm, RMS / 99th percentile.
 |---|---|---|---|---|---|---|---|
 """
 LIMITS = """
-Where the force is off by more than the surface moved: on the knob, whose 5,200 patches of knurls are smaller than the
-samples of the ball (more zones than there is room for: the lightest are lost), on the threads of the
-screw, and on the impeller and the shaft with noise; why there is not known.
+Where the force is off by more than the surface moved: on the threads of the screw, which a ball touches in more zones
+than there is room for, so that the lightest are lost; on the impeller, whose thin blades leave their half-spaces no
+direction of their own; with noise, as each triangle is a plane.
 """
 Floats = NDArray[np.float64]
 Judge = Callable[[Path, Path], dict[str, str]]
