@@ -20,7 +20,7 @@ from check import (
 )
 from crease.base.scene import open_scene
 from crease.replay.trajectory import load_trajectory
-from jobs import FIRMWARE_C, ROOT, path_job, path_rows
+from jobs import COUPLE_C, FIRMWARE_C, ROOT, path_job, path_rows
 from runs import Run, read_counts
 from worst import (
     ALL_LOOKUPS,
@@ -140,7 +140,8 @@ def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
             assert text.count(exact) == 1
             feel.write_text(text.replace(exact, exact + " * 1.0000001f"), "utf-8")
         parts = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
-        parts += [folder / path.relative_to(ROOT / "firmware") for path in FIRMWARE_C]
+        firmware = FIRMWARE_C + COUPLE_C
+        parts += [folder / path.relative_to(ROOT / "firmware") for path in firmware]
         includes = [f"-I{folder}", f"-I{ROOT / 'tests/check'}"]
         words = ["gcc", "-O1", *FLAGS, *includes, *parts, "-lm", "-o", folder / "runner"]
         subprocess.run([str(word) for word in words], check=True)
