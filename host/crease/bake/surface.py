@@ -249,7 +249,8 @@ def _patches_of_narrow_facets(surface: Surface, least_m: float) -> npt.NDArray[n
     border_m = sum(np.bincount(side, length_m, facets) for side in sides[apart].T)
     wide = 2.0 * surface.facet_area_m2 >= least_m * border_m
     several = np.bincount(surface.facet_patch, minlength=surface.counts["patches"]) > 1
-    return several & (np.bincount(surface.facet_patch, wide, len(several)) == 0)
+    several[surface.facet_patch[wide]] = False
+    return np.asarray(several)
 
 
 def _connected(pairs: I32, count: int) -> tuple[int, I32]:
