@@ -87,7 +87,7 @@ def golden_held_jobs(name: str) -> tuple[bytes, bytes]:
     folder = ROOT / "build" / "meshes" / "six"
     spec = json.loads((folder / f"{name}.json").read_text("utf-8"))
     image = spec["image"]
-    meshes = (load_mesh(folder / spec[part], 1e-3) for part in ("static", "tool"))
+    static, tool = (load_mesh(folder / spec[part], 1e-3) for part in ("static", "tool"))
     sizes = BakeOptions(
         voxel_m=1e-3 * image["voxel_mm"],
         spacing_m=1e-3 * image["spacing_mm"],
@@ -96,7 +96,7 @@ def golden_held_jobs(name: str) -> tuple[bytes, bytes]:
     )
     springs = spec["spring"]["stiffness_N_m"], spec["spring"]["stiffness_Nm_rad"]
     scene, rows = (
-        bake_scene(*meshes, sizes).image,
+        bake_scene(static, tool, sizes).image,
         path_rows(load_trajectory(folder / f"{name}.csv")),
     )
     return held_job(scene, rows, springs), path_job(scene, rows)
