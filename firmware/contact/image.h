@@ -124,7 +124,7 @@ struct cr_img_kind {
     uint32_t facet[CR_KIND_FACETS_MAX]; /* index into facets[] */
 };
 
-/* A plane; one that stands for a curved patch, only nominal; a plane of a curved patch, at a crease: zones are those of the patch. */
+/* A plane; one that stands for a curved patch, only nominal; a plane of a curved patch, as at a crease: zones are those of the patch. */
 enum { CR_FACET_FLAT = 0u, CR_FACET_CURVED = 1u, CR_FACET_OF_CURVED = 2u };
 
 /* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. */

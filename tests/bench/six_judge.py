@@ -12,10 +12,11 @@ import igl
 import manifold3d as mf
 import numpy as np
 import numpy.typing as npt
-from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.bake import bake_scene
 from crease.bake.scene_list import is_newer
 from crease.base.scene import Scene, open_scene
 from crease.base.table import write_bytes
+from crease.lab.setup import image_options
 from crease.mesh.mesh import Mesh, load_mesh
 from crease.replay.trajectory import Trajectory, check_rows, load_trajectory
 from scipy.spatial.transform import Rotation, Slerp
@@ -63,7 +64,6 @@ class Case:
     def image(self, images: Path) -> Scene:
         """Baked as the scene says, and kept."""
         asked = self.spec["image"]
-        tolerance_mm, even = asked.get("tolerance_mm"), bool(asked.get("even", False))
         own = images / f"{self.name}-{'-'.join(f'{value:g}' for value in asked.values())}.crs"
         meshes = self.mesh("static"), self.mesh("tool")
         if own.exists() and is_newer(own):
@@ -72,14 +72,10 @@ class Case:
             digests = (bytes(meta.static_sha256).hex(), bytes(meta.tool_sha256).hex())
             if digests == tuple(m.digest_sha256 for m in meshes):
                 return scene
-        options = BakeOptions(
-            voxel_m=asked["voxel_mm"] * MM,
-            spacing_m=asked["spacing_mm"] * MM,
-            tolerance_m=None if tolerance_mm is None else tolerance_mm * MM,
-            even=even,
-        )
         images.mkdir(parents=True, exist_ok=True)
-        write_bytes(own, bake_scene(*meshes, options, lambda _label, _part: None).image)
+        write_bytes(
+            own, bake_scene(*meshes, image_options(asked), lambda _label, _part: None).image
+        )
         return open_scene(own)
 
     @property

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from crease.bake.bake import BakeOptions, bake_scene
+from crease.bake.bake import bake_scene
 from crease.base.native import ffi, lib
+from crease.lab.setup import image_options
 from crease.mesh.mesh import load_mesh
 from crease.replay.trajectory import Trajectory, load_trajectory
 
@@ -86,19 +87,10 @@ def golden_held_jobs(name: str) -> tuple[bytes, bytes]:
     """One of meshes/six with its own path, springs and image, from build/: held, and by the direct force."""
     folder = ROOT / "build" / "meshes" / "six"
     spec = json.loads((folder / f"{name}.json").read_text("utf-8"))
-    image = spec["image"]
     static, tool = (load_mesh(folder / spec[part], 1e-3) for part in ("static", "tool"))
-    sizes = BakeOptions(
-        voxel_m=1e-3 * image["voxel_mm"],
-        spacing_m=1e-3 * image["spacing_mm"],
-        tolerance_m=1e-3 * image["tolerance_mm"] if "tolerance_mm" in image else None,
-        even=image.get("even", False),
-    )
     springs = spec["spring"]["stiffness_N_m"], spec["spring"]["stiffness_Nm_rad"]
-    scene, rows = (
-        bake_scene(static, tool, sizes).image,
-        path_rows(load_trajectory(folder / f"{name}.csv")),
-    )
+    scene = bake_scene(static, tool, image_options(spec["image"])).image
+    rows = path_rows(load_trajectory(folder / f"{name}.csv"))
     return held_job(scene, rows, springs), path_job(scene, rows)
 
 

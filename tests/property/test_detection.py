@@ -77,14 +77,16 @@ def test_no_force_in_free_space(name: str) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_overlap_deeper_than_the_error_gives_a_force(name: str) -> None:
+    """Also where none of the zones leads: 9 of 1,200 such poses in `part` had no force."""
     of = pair(name)
-    poses = poses_near(np.random.default_rng(SEED + 3), of, POSES, 3e-3, 0.0)
+    draws = [np.random.default_rng(seed) for seed in (SEED + 3, 0, 1, 2)]
+    poses = np.concatenate([poses_near(draw, of, POSES, 3e-3, 0.0) for draw in draws])
     rows = run(of.scene, poses)
     distance = exact_distance(of.static, in_world(poses, shell_points(of.scene)).reshape(-1, 3))
-    inside = distance.reshape(POSES, -1) < -of.scene.meta.error_in_m - 0.2e-3
+    inside = distance.reshape(len(poses), -1) < -of.scene.meta.error_in_m - 0.2e-3
     # A tool wholly inside has no direction: the gradient of the overlap volume is zero.
-    several = (inside.sum(axis=1) > 3) & (distance.reshape(POSES, -1) > 0).any(axis=1)
-    assert several.sum() > POSES // 3
+    several = (inside.sum(axis=1) > 3) & (distance.reshape(len(poses), -1) > 0).any(axis=1)
+    assert several.sum() > len(poses) // 3
     assert (np.linalg.norm(rows["force_N"][several], axis=1) > 0).all()
 
 

@@ -21,12 +21,27 @@ from crease.replay.trajectory import Trajectory, load_trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from crease.bake.bake import BakeOptions
+
 F64 = npt.NDArray[np.float64]
 MM = 1e-3
 UNIT_M = 1e-3
 """The meshes of the experiments are in mm."""
 
 TICK_S = 1e-3
+
+
+def image_options(image: Mapping[str, Any]) -> BakeOptions:
+    """What a scene of meshes/six asks of its image: `voxel_mm`, `spacing_mm`, perhaps `tolerance_mm` and `even`."""
+    from crease.bake.bake import BakeOptions
+
+    tolerance_mm = image.get("tolerance_mm")
+    return BakeOptions(
+        voxel_m=image["voxel_mm"] * MM,
+        spacing_m=image["spacing_mm"] * MM,
+        tolerance_m=None if tolerance_mm is None else tolerance_mm * MM,
+        even=bool(image.get("even", False)),
+    )
 
 
 @dataclass(frozen=True)
