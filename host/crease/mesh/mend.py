@@ -43,6 +43,7 @@ from crease.mesh.draft import (
     weld,
 )
 from crease.mesh.openings import cap_holes, close_openings
+from crease.mesh.slivers import mend_slivers
 from crease.mesh.topology import Triangles, Vertices
 
 SLIVER = 2e-6
@@ -82,6 +83,7 @@ def mend_surface(
         drop_triangles,
         _close,
         close_openings,
+        _drop_flat_shells,
         _collapse_slivers,
         _weld_touching,
         _settle_shells,
@@ -158,29 +160,52 @@ def _from_manifold(draft: Draft, solid: Any) -> None:
     renumber(draft, draft.vertices)
 
 
-def _collapse_slivers(draft: Draft, share: float = SLIVER) -> None:
-    """Triangles so thin that their normal is noise."""
+def _collapse_slivers(draft: Draft, share: float = SLIVER, crossing: bool = True) -> bool:
+    """Triangles so thin that their normal is noise.   Output: whether fewer are left, without crossings if so wished."""
     limit_m = share * draft.diagonal_m
-    thin = int(np.count_nonzero(topology.altitudes_m(draft.vertices, draft.triangles) < limit_m))
-    if thin == 0:
-        return
+    thin = _thinner(draft, limit_m)
     before = len(draft.triangles)
-    trial = Draft(draft.vertices, draft.triangles)
+    for collapse in (_simplified, _mended_in_place) if thin else ():
+        trial = collapse(draft, limit_m)
+        if trial is None or len(trial.loose_edges()) or _thinner(trial, limit_m) >= thin:
+            continue
+        if crossing or not _crosses(trial):
+            left = _thinner(trial, limit_m)
+            draft.vertices, draft.triangles = trial.vertices, trial.triangles
+            draft.notes.append(
+                f"collapsed {plural(thin - left, 'sliver')} thinner than {format_length(limit_m)}: "
+                f"{before:,} triangles became {len(draft.triangles):,}"
+            )
+            return True
+    if thin and crossing:
+        draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
+    return False
+
+
+def _thinner(draft: Draft, limit_m: float) -> int:
+    return int(np.count_nonzero(topology.altitudes_m(draft.vertices, draft.triangles) < limit_m))
+
+
+def _crosses(draft: Draft) -> bool:
+    reach_m = CROSSING * draft.diagonal_m
+    return topology.self_intersections(draft.vertices, draft.triangles, reach_m)[0] > 0
+
+
+def _simplified(draft: Draft, limit_m: float) -> Draft | None:
+    """The surface as manifold3d simplifies it; None when it refuses, or moved more than limit_m."""
+    made = Draft(draft.vertices, draft.triangles)
     try:
-        _from_manifold(trial, to_manifold(draft.vertices, draft.triangles).simplify(limit_m))
+        _from_manifold(made, to_manifold(draft.vertices, draft.triangles).simplify(limit_m))
     except MeshError:
-        draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
-        return
-    left = int(np.count_nonzero(topology.altitudes_m(trial.vertices, trial.triangles) < limit_m))
-    moved_m3 = abs(trial.volume_m3() - draft.volume_m3())
-    if len(trial.loose_edges()) or left >= thin or moved_m3 > limit_m * draft.area_m2():
-        draft.notes.append(f"keeps {plural(thin, 'sliver')} thinner than {format_length(limit_m)}")
-        return
-    draft.vertices, draft.triangles = trial.vertices, trial.triangles
-    draft.notes.append(
-        f"collapsed {plural(thin - left, 'sliver')} thinner than {format_length(limit_m)}: "
-        f"{before:,} triangles became {len(draft.triangles):,}"
-    )
+        return None
+    moved_m3 = abs(made.volume_m3() - draft.volume_m3())
+    return None if moved_m3 > limit_m * draft.area_m2() else made
+
+
+def _mended_in_place(draft: Draft, limit_m: float) -> Draft:
+    """The surface with its slivers mended one by one, less what lies on its own back then."""
+    triangles = mend_slivers(draft.vertices, draft.triangles, limit_m)
+    return Draft(draft.vertices, topology.without_leaves(triangles))
 
 
 def _weld_touching(draft: Draft) -> None:
@@ -307,10 +332,9 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         part = Manifold.batch_boolean(solids, OpType.Add)
         whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
-    now = _drop_flat_shells(draft)
-    codes = topology.undirected_codes(draft.triangles, draft.vertex_count)
-    # Where solids touch along edges a wall between two of them may be left: then winding numbers decide.
-    draft.layered = bool(np.unique(codes, return_counts=True)[1].max() > 2)
+    _drop_flat_shells(draft)
+    now, _ = topology.shells(draft.vertices, draft.triangles)
+    draft.layered = _has_walls(draft)
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
@@ -318,15 +342,32 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         )
 
 
-def _drop_flat_shells(draft: Draft) -> int:
-    """Walls between solids that touch, of which a union leaves both sides.   Output: how many shells stay."""
+def _drop_flat_shells(draft: Draft) -> None:
+    """What encloses nothing beside what does: folds, and walls between solids that touch."""
     count, shell = topology.shells(draft.vertices, draft.triangles)
     volume_m3 = np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles))
     area_m2 = np.bincount(shell, weights=topology.areas_m2(draft.vertices, draft.triangles))
-    solid = np.abs(volume_m3) > CROSSING * draft.diagonal_m * area_m2
-    if not solid.all():
-        draft.triangles = draft.triangles[solid[shell]]
-    return count - int(np.count_nonzero(~solid))
+    flat = np.abs(volume_m3) <= CROSSING * draft.diagonal_m * area_m2
+    if not flat.any() or flat.all() or len(draft.loose_edges()):
+        return
+    draft.triangles = draft.triangles[~flat[shell]]
+    share = percent(area_m2[flat].sum() / area_m2.sum())
+    draft.notes.append(
+        f"dropped {plural(int(np.count_nonzero(flat)), 'piece')} without volume, {share} of the surface"
+    )
+
+
+def _has_walls(draft: Draft) -> bool:
+    """Whether a triangle parts nothing at an edge of more than two: where solids touch along edges a union may leave
+    a wall between them."""
+    codes = topology.undirected_codes(draft.triangles, draft.vertex_count)
+    _, kind, uses = np.unique(codes, return_inverse=True, return_counts=True)
+    asked = np.unique(np.flatnonzero(uses[kind] > 2) // 3).astype(np.int32)
+    if len(asked) == 0:
+        return False
+    middle = draft.vertices[draft.triangles[asked]].mean(axis=1)
+    found = arrange.Winding(draft.vertices, draft.triangles).at(middle, asked)
+    return bool((np.abs(found - 0.5) > 0.5).any())
 
 
 def _outer_meet(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bool_]) -> bool:
@@ -356,6 +397,7 @@ def _cut_crossings(draft: Draft) -> None:
     place = draft.place(draft.vertices[draft.triangles[pairs[0]]]) if len(pairs) else ""
     draft.vertices, draft.triangles = topology.compact(made.vertices, kept)
     _close_cracks(draft)
+    _drop_flat_shells(draft)
     if len(pairs):
         draft.notes.append(
             f"passed through itself: cut {plural(len(pairs), 'pair')} of triangles, one near {place}, and kept the "
@@ -373,16 +415,8 @@ def _cut_crossings(draft: Draft) -> None:
 def _collapse_new_slivers(draft: Draft) -> None:
     """Slivers that cutting left, as far as no crossing comes back with it."""
     for share in (SLIVER, 0.1 * SLIVER, 0.01 * SLIVER):
-        trial = Draft(draft.vertices, draft.triangles, draft.wishes)
-        _collapse_slivers(trial, share)
-        if (
-            topology.self_intersections(
-                trial.vertices, trial.triangles, CROSSING * draft.diagonal_m
-            )[0]
-            == 0
-        ):
-            draft.vertices, draft.triangles = trial.vertices, trial.triangles
-            draft.notes.extend(note for note in trial.notes if not note.startswith("keeps"))
+        if _collapse_slivers(draft, share, crossing=False):
+            _drop_flat_shells(draft)
             return
 
 

@@ -197,7 +197,8 @@ def _neighbours_at(
     axis = axis / np.linalg.norm(axis)
     out = vertices[tip] - vertices[tail]
     out = out - np.outer(out @ axis, axis)
-    first = out[0] / np.linalg.norm(out[0])
+    length = np.linalg.norm(out, axis=1)
+    first = out[np.argmax(length)] / length.max()
     angle = np.arctan2(out @ np.cross(axis, first), out @ first)
     # Material lies on the falling side of a forward triangle. On that way forward and backward ones nest as brackets
     # do, those that lie on each other first the backward one: nothing lies between them.

@@ -47,12 +47,19 @@ static int find_neighbours(crb_mesh *m) {
     return 1;
 }
 
-static void find_normals(crb_mesh *m) {
+static double edge_length(const crb_mesh *m, int32_t t, int k) {
+    return norm(sub(corner_at(m, t, k + 1), corner_at(m, t, k)));
+}
+
+/* What is thinner than rounding has no face of its own: it belongs to the one that reaches it first. */
+static void find_normals(crb_mesh *m, double thin) {
     for (int32_t t = 0; t < m->triangle_count; t++) {
         vec a = corner_at(m, t, 0), b = corner_at(m, t, 1), c = corner_at(m, t, 2);
         vec n = cross(sub(b, a), sub(c, a));
         m->area[t] = 0.5 * norm(n);
         m->normal[t] = unit(n);
+        double longest = fmax(fmax(edge_length(m, t, 0), edge_length(m, t, 1)), edge_length(m, t, 2));
+        m->face[t] = norm(n) <= thin * longest ? (vec){0.0, 0.0, 0.0} : m->normal[t];
         for (int k = 0; k < 3; k++) {
             vec u = unit(sub(corner_at(m, t, k + 1), corner_at(m, t, k)));
             vec v = unit(sub(corner_at(m, t, k + 2), corner_at(m, t, k)));
@@ -63,10 +70,12 @@ static void find_normals(crb_mesh *m) {
     }
 }
 
-/* Angle between the normals of a triangle and its neighbour; convex tells which way the edge bends. */
+static int has_face(const crb_mesh *m, int32_t t) { return dot(m->face[t], m->face[t]) > 0.0; }
+
+/* Angle between the faces of a triangle and its neighbour; convex tells which way the edge bends. */
 static double edge_angle(const crb_mesh *m, int32_t t, int k, int *convex) {
     int32_t o = m->neighbour[3 * (int64_t)t + k];
-    vec a = m->normal[t], b = m->normal[o], along = sub(corner_at(m, t, k + 1), corner_at(m, t, k));
+    vec a = m->face[t], b = m->face[o], along = sub(corner_at(m, t, k + 1), corner_at(m, t, k));
     *convex = dot(cross(a, b), along) > 0.0;
     return atan2(norm(cross(a, b)), dot(a, b));
 }
@@ -90,29 +99,35 @@ static int lies_in_plane(const crb_mesh *m, int32_t t, vec n, double offset, dou
             return 0;
         }
     }
-    return m->area[t] <= 0.0 || dot(m->normal[t], n) > 0.99;
+    return !has_face(m, t) || dot(m->face[t], n) > 0.99;
 }
 
-/* Grow the set of label from seed across edges that accept lets through. */
-static int64_t flood(const crb_mesh *m, int32_t seed, int32_t label, int32_t *label_of, int32_t *queue,
+/* Grow the set of label from seed: across edges of less than smooth_angle, or, where that is 0, as far as its plane goes. What
+ * is no longer than plane_tolerance is a point, no edge. */
+static int64_t flood(crb_mesh *m, int32_t seed, int32_t label, int32_t *label_of, int32_t *queue,
                      double plane_tolerance, double smooth_angle) {
     int64_t head = 0, tail = 0;
     vec n = m->normal[seed];
     double offset = dot(n, corner_at(m, seed, 0));
     queue[tail++] = seed;
     label_of[seed] = label;
+    if (!has_face(m, seed)) {
+        m->face[seed] = n;
+    }
     while (head < tail) {
         int32_t t = queue[head++];
         for (int k = 0; k < 3; k++) {
             int32_t o = m->neighbour[3 * (int64_t)t + k];
             int convex;
-            if (o < 0 || label_of[o] >= 0) {
+            if (o < 0 || label_of[o] >= 0 || edge_length(m, t, k) <= plane_tolerance) {
                 continue;
             }
-            int ok = smooth_angle > 0.0
-                         ? m->area[o] <= 0.0 || m->area[t] <= 0.0 || edge_angle(m, t, k, &convex) < smooth_angle
-                         : lies_in_plane(m, o, n, offset, plane_tolerance);
+            int ok = smooth_angle > 0.0 ? !has_face(m, o) || edge_angle(m, t, k, &convex) < smooth_angle
+                                        : lies_in_plane(m, o, n, offset, plane_tolerance);
             if (ok) {
+                if (smooth_angle > 0.0 && !has_face(m, o)) {
+                    m->face[o] = m->face[t];
+                }
                 label_of[o] = label;
                 queue[tail++] = o;
             }
@@ -141,7 +156,7 @@ static int find_facets(crb_mesh *m, double plane_tolerance) {
             flood(m, seed, m->facet_count++, m->facet_of, queue, plane_tolerance, 0.0);
         }
         if (m->patch_of[seed] < 0) {
-            flood(m, seed, m->patch_count++, m->patch_of, queue, 0.0, m->crease_angle);
+            flood(m, seed, m->patch_count++, m->patch_of, queue, plane_tolerance, m->crease_angle);
         }
     }
     free(queue);
@@ -183,7 +198,7 @@ static int is_crease(const crb_mesh *m, int32_t t, int k, int *convex, double *a
         return 0;
     }
     *angle = edge_angle(m, t, k, convex);
-    return *angle >= m->crease_angle && m->area[t] > 0.0 && m->area[o] > 0.0;
+    return *angle >= m->crease_angle;
 }
 
 static void count_edges(crb_mesh *m) {
@@ -201,7 +216,7 @@ static void count_edges(crb_mesh *m) {
 }
 
 int crb_find_features(crb_mesh *m, double plane_tolerance_m) {
-    find_normals(m);
+    find_normals(m, plane_tolerance_m);
     if (!find_neighbours(m) || !find_facets(m, plane_tolerance_m)) {
         return 0;
     }

@@ -32,6 +32,7 @@ struct crb_mesh {
     int32_t *triangles; /* [n][3] */
     int32_t *neighbour; /* [n][3] triangle across edge k (from corner k to k + 1), -1 when open */
     vec *normal;        /* unit, per triangle */
+    vec *face;          /* the same, of slivers that of the face they belong to; 0 until it is known */
     double *area;
     vec *vertex_normal; /* angle-weighted */
     int32_t *facet_of, *patch_of;

@@ -9,6 +9,7 @@ void crb_mesh_free(crb_mesh *m) {
         free(m->triangles);
         free(m->neighbour);
         free(m->normal);
+        free(m->face);
         free(m->area);
         free(m->vertex_normal);
         free(m->facet_of);
@@ -31,11 +32,12 @@ static int allocate(crb_mesh *m, int64_t nv, int64_t nt) {
     m->triangles = calloc((size_t)nt * 3, sizeof *m->triangles);
     m->neighbour = malloc((size_t)nt * 3 * sizeof *m->neighbour);
     m->normal = malloc((size_t)nt * sizeof *m->normal);
+    m->face = malloc((size_t)nt * sizeof *m->face);
     m->area = malloc((size_t)nt * sizeof *m->area);
     m->facet_of = malloc((size_t)nt * sizeof *m->facet_of);
     m->patch_of = malloc((size_t)nt * sizeof *m->patch_of);
-    return m->vertices && m->vertex_normal && m->triangles && m->neighbour && m->normal && m->area && m->facet_of &&
-           m->patch_of;
+    return m->vertices && m->vertex_normal && m->triangles && m->neighbour && m->normal && m->face && m->area &&
+           m->facet_of && m->patch_of;
 }
 
 crb_mesh *crb_mesh_new(const double *vertices_m, int64_t nv, const int32_t *triangles, int64_t nt,
