@@ -8,7 +8,7 @@ import igl
 import numpy as np
 import pytest
 import trimesh
-from crease.bake.surface import join_narrow, make_surface
+from crease.bake.surface import flatten, join_narrow, make_surface
 from crease.mesh.mesh import load_mesh, make_mesh
 from numpy.typing import NDArray
 
@@ -124,3 +124,47 @@ def test_chamfers_and_wide_patches_stay_what_they_are() -> None:
         assert after.counts == before.counts
         np.testing.assert_array_equal(after.patch_of, before.patch_of)
         np.testing.assert_array_equal(after.creases.patch, before.creases.patch)
+
+
+def rough(amplitude: float) -> trimesh.Trimesh:
+    """A block of 20 mm whose corners are off by up to an amplitude in mm, each way; a groove rounded by 12 sides on top."""
+    groove = trimesh.creation.cylinder(4.0, 30.0, sections=48)
+    groove.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    groove.apply_translation([0.0, 0.0, 12.0])
+    shape = trimesh.boolean.difference(
+        [trimesh.creation.box([20.0] * 3), groove], engine="manifold"
+    ).subdivide_to_size(6.0)
+    rng = np.random.default_rng(8)
+    shape.vertices = shape.vertices + amplitude * rng.uniform(-1.0, 1.0, shape.vertices.shape)
+    return shape
+
+
+def test_rough_flat_faces_are_one_facet_each() -> None:
+    shape = rough(0.005)
+    told = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3, source="rough"), 30.0)
+    assert told.counts["patches"] == 8
+    assert told.counts["facets"] > 500
+    within_m = 0.01e-3
+    surface = flatten(told, within_m)
+    of_patch = np.bincount(surface.facet_patch)
+    groove = int(np.argmax(of_patch))
+    assert of_patch[groove] == np.count_nonzero(told.facet_patch == groove) > 50
+    assert surface.counts["facets"] == len(surface.facet_patch) == of_patch[groove] + 7
+    assert surface.facet_area_m2.sum() == pytest.approx(told.facet_area_m2.sum())
+    np.testing.assert_array_equal(surface.facet_patch[surface.facet_of], surface.patch_of)
+    corners = surface.mesh.vertices_m[surface.mesh.triangles]
+    plane = surface.facet_plane[surface.facet_of]
+    flat = surface.patch_of != groove
+    off_m = np.einsum("nkx,nx->nk", corners, plane[:, :3]) - plane[:, 3:]
+    assert 0.004e-3 < np.abs(off_m[flat]).max() < within_m
+    exact = np.abs(np.abs(plane[flat, :3]).max(axis=1) - 1.0)
+    assert exact.max() < 1e-5  # 0.26 degrees, where triangles are off by up to one
+
+
+def test_what_is_no_flatter_than_that_keeps_its_facets() -> None:
+    """A cap 0.2 mm high on a disk of 20 mm; and a block as it is, whose faces are facets already."""
+    cap = trimesh.creation.icosphere(4, radius=250.0)
+    cap = trimesh.intersections.slice_mesh_plane(cap, [0, 0, 1], [0, 0, 249.8], cap=True)
+    for shape in (cap, trimesh.creation.box([20.0] * 3)):
+        told = make_surface(make_mesh(shape.vertices, shape.faces, 1e-3, source="cap"), 30.0)
+        assert flatten(told, 0.05e-3) is told

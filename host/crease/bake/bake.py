@@ -17,7 +17,7 @@ from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
 from crease.bake.limits import check_grid, check_spacing
 from crease.bake.shell import Shell, make_shell
-from crease.bake.surface import Surface, join_narrow, make_surface
+from crease.bake.surface import Surface, flatten, join_narrow, make_surface
 from crease.bake.voxmap import Voxmap, make_voxmap
 from crease.base.arguments import default_memory_max
 from crease.base.errors import MeshError
@@ -58,6 +58,8 @@ class BakeResult:
 
 TARGET_SHARE = 4 / 7
 """Share of the tolerance at which refining aims: it looks at points half a voxel apart, errors peak between them."""
+FLAT_SHARE = 0.5
+"""Share of the tolerance that a patch may be off one plane as a whole, and is taken for it."""
 NEAR_SHARE = 0.75
 """Distance up to which samples are covered, in spacings, before a shell tells it; for the estimate of the time only."""
 TRIES_MAX = 8
@@ -259,7 +261,7 @@ def bake_scene(
     foresee_features(work, static, tool)
     work.begin("features")
     told = make_surface(static, options.crease_angle_deg)
-    surface = join_narrow(told, sizes.spacing_m)
+    surface = join_narrow(flatten(told, FLAT_SHARE * sizes.tolerance_m), sizes.spacing_m)
     tool_surface = make_surface(tool, options.crease_angle_deg)
     foresee_shell(work, tool_surface, sizes.spacing_m)
     if work.heard:

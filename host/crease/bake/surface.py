@@ -196,6 +196,40 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
     )
 
 
+def flatten(surface: Surface, within_m: float) -> Surface:
+    """The same, each patch that lies within within_m of one plane being one facet: the noise of a flat face is no shape."""
+    patches, of = surface.counts["patches"], surface.patch_of
+    corners = surface.mesh.vertices_m[surface.mesh.triangles]
+    area_m2 = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = [np.bincount(of, area_m2[:, k], patches) for k in range(3)]
+    normal = np.stack(sums, axis=1) / np.maximum(np.linalg.norm(sums, axis=0), 1e-300)[:, None]
+    height_m = (corners * normal[of, None]).sum(axis=2)
+    weight = np.linalg.norm(area_m2, axis=1)
+    middle_m = np.bincount(of, weight * height_m.mean(axis=1), patches)
+    middle_m /= np.maximum(np.bincount(of, weight, patches), 1e-300)
+    off_m = np.zeros(patches)
+    np.maximum.at(off_m, of, np.abs(height_m - middle_m[of, None]).max(axis=1))
+    patch = surface.facet_patch
+    flat = (np.bincount(patch, minlength=patches) > 1) & (off_m < within_m)
+    if not flat.any():
+        return surface
+    first = np.full(patches, len(patch))
+    np.minimum.at(first, patch, np.arange(len(patch)))
+    stands_for = np.where(flat[patch], first[patch], np.arange(len(patch)))
+    kept, facet = np.unique(stands_for, return_inverse=True)
+    plane = surface.facet_plane[kept]
+    flattened = flat[patch[kept]]
+    plane[flattened] = np.column_stack([normal, middle_m])[patch[kept[flattened]]]
+    return replace(
+        surface,
+        counts=surface.counts | {"facets": len(kept)},
+        facet_of=facet[surface.facet_of].astype(np.int32),
+        facet_plane=plane,
+        facet_patch=patch[kept],
+        facet_area_m2=np.bincount(facet, surface.facet_area_m2),
+    )
+
+
 def join_narrow(surface: Surface, least_m: float) -> Surface:
     """The same, patches narrower than least_m that border each other more than others being one, whatever their angles.
 
