@@ -87,7 +87,7 @@ large, mm, RMS / 99th percentile.
 LIMITS = """
 Where the force is off by more than the surface moved: on the threads of the screw, which a ball touches in more zones
 than there is room for, so that the lightest are lost; on the impeller, whose thin blades leave their half-spaces no
-direction of their own; with noise, as each triangle is a plane.
+direction of their own; with noise on round faces, as each triangle is a plane.
 """
 Floats = NDArray[np.float64]
 Judge = Callable[[Path, Path], dict[str, str]]

@@ -27,6 +27,12 @@ _CHUNK = 16384
 SHARED = 0.5
 """Border of narrow patches with each other, as a share of that with others, from which on they are one: 0.87 of the
 sides of a pyramid, 0.04 of the chamfers of a cube 40 times as wide."""
+ISLAND = 2.0 / 3.0
+"""Share of its border from which on a narrow patch is part of what it borders there: a chamfer has half of it on either
+side, one round a hole as wide as itself two thirds."""
+SLENDER = 0.05
+"""Width of an isle by its border below which it is a piece of a bevel or crest, which parts what lies on either side of
+it: 0.096 of a triangle with equal sides, 0.03 of those on the crest of a thread."""
 SIDEWAYS = 1e-9
 """Part of a distance by which it is longer than the height above the nearest triangle, where its rim is nearest."""
 
@@ -231,28 +237,26 @@ def flatten(surface: Surface, within_m: float) -> Surface:
 
 
 def join_narrow(surface: Surface, least_m: float) -> Surface:
-    """The same, patches narrower than least_m that border each other more than others being one, whatever their angles.
+    """The same, patches narrower than least_m being one with their like, or with what they lie in, whatever their angles.
 
     How wide a patch is: twice its area by its border. What is narrower than the samples of a tool are apart has no
-    sides for it. Creases inside of what is joined are smooth edges. A chamfer, which borders wide patches, stays.
+    sides for it: those that border each other more than others are one, and one that borders another by ISLAND of its
+    border is part of that. Creases inside of what is joined are smooth edges. A chamfer, which borders wide patches on
+    either side, stays.
     """
     creases = surface.creases
-    first, second = creases.patch.T
     length_m = np.linalg.norm(creases.ends_m[:, 1] - creases.ends_m[:, 0], axis=1)
-    length_m[first == second] = 0.0
     area_m2 = np.bincount(surface.facet_patch, surface.facet_area_m2, surface.counts["patches"])
-    border_m = sum(np.bincount(side, length_m, len(area_m2)) for side in (first, second))
-    narrow = 2.0 * area_m2 < least_m * border_m
-    inside = narrow[first] & narrow[second]
-    sets, found = _connected(creases.patch[inside], len(narrow))
-    shared_m = np.bincount(found[first[inside]], length_m[inside], sets)
-    others_m = np.bincount(found, border_m, sets) - 2.0 * shared_m
-    inside &= (shared_m > SHARED * others_m)[found[first]]
-    patches, joined = _connected(creases.patch[inside], len(narrow))
-    outside = ~inside
+    borders = _Borders(creases.patch, length_m, area_m2, least_m)
+    joined = borders.alike()
+    while (found := borders.with_islands(joined)).max() < joined.max():
+        joined = found
+    ends = joined[creases.patch]
+    own = creases.patch[:, 0] == creases.patch[:, 1]
+    outside = (ends[:, 0] != ends[:, 1]) | own & ~borders.narrow[creases.patch[:, 0]]
     counts = surface.counts | {
-        "patches": patches,
-        "smooth_edges": surface.counts["smooth_edges"] + int(np.count_nonzero(inside)),
+        "patches": int(joined.max()) + 1,
+        "smooth_edges": surface.counts["smooth_edges"] + int(np.count_nonzero(~outside)),
         "convex_edges": int(np.count_nonzero(creases.convex[outside])),
         "concave_edges": int(np.count_nonzero(~creases.convex[outside])),
     }
@@ -263,12 +267,44 @@ def join_narrow(surface: Surface, least_m: float) -> Surface:
         facet_patch=joined[surface.facet_patch],
         creases=Creases(
             creases.ends_m[outside],
-            joined[creases.patch[outside]],
+            ends[outside],
             creases.convex[outside],
             creases.angle_rad[outside],
         ),
     )
     return replace(made, fine=_patches_of_narrow_facets(made, 2.0 * least_m))
+
+
+class _Borders:
+    """Creases between patches (n, 2), how long they are (n,), areas of patches: which are narrower than least_m?"""
+
+    def __init__(self, pairs: I32, length_m: F64, area_m2: F64, least_m: float) -> None:
+        self._pairs, self._area_m2, self._least_m = pairs, area_m2, least_m
+        self._length_m = np.where(pairs[:, 0] == pairs[:, 1], 0.0, length_m)
+        self._border_m = sum(np.bincount(side, self._length_m, len(area_m2)) for side in pairs.T)
+        self.narrow = 2.0 * area_m2 < least_m * self._border_m
+
+    def alike(self) -> I32:
+        """The patches, narrow ones that border each other more than others being one."""
+        first, second = self._pairs.T
+        inside = self.narrow[first] & self.narrow[second]
+        sets, found = _connected(self._pairs[inside], len(self.narrow))
+        shared_m = np.bincount(found[first[inside]], self._length_m[inside], sets)
+        others_m = np.bincount(found, self._border_m, sets) - 2.0 * shared_m
+        inside &= (shared_m > SHARED * others_m)[found[first]]
+        return _connected(self._pairs[inside], len(self.narrow))[1]
+
+    def with_islands(self, joined: I32) -> I32:
+        """The patches that are `joined` already, narrow ones being one with what they lie in."""
+        pairs = np.sort(joined[self._pairs], axis=1)
+        apart = pairs[:, 0] != pairs[:, 1]
+        area_m2 = np.bincount(joined, self._area_m2)
+        keys, of = np.unique(pairs[apart], axis=0, return_inverse=True)
+        shared_m = np.bincount(of.reshape(-1), self._length_m[apart], len(keys))
+        border_m = sum(np.bincount(side, shared_m, len(area_m2)) for side in keys.T)
+        isle = (2.0 * area_m2 < self._least_m * border_m) & (2.0 * area_m2 > SLENDER * border_m**2)
+        inside = [isle[side] & (shared_m > ISLAND * border_m[side]) for side in keys.T]
+        return _connected(keys[inside[0] | inside[1]], len(area_m2))[1][joined]
 
 
 def _patches_of_narrow_facets(surface: Surface, least_m: float) -> npt.NDArray[np.bool_]:
