@@ -62,6 +62,9 @@ CROSSING = 2e-6
 """Share of the diagonal below which a passage of the surface through itself is taken as touching."""
 
 
+PAIRED = 1e-9
+"""Volume, over diagonal and area, by which manifold3d may have another than the surface it is given: rounding."""
+
 FLAT = 1e-9
 """Volume over diagonal cubed below which there is no inside."""
 
@@ -137,6 +140,8 @@ def to_manifold(vertices: Vertices, triangles: Triangles, tolerance_m: float = 0
     """The surface as manifold3d has it.   Errors: MeshError when it refuses."""
     from manifold3d import Error, Manifold, Mesh64
 
+    # Triangles of an edge of four it pairs as it likes, across the material too: they get vertices of their own.
+    vertices, triangles = topology.parted(vertices, triangles)
     solid = Manifold(
         Mesh64(
             vert_properties=np.ascontiguousarray(vertices, dtype=np.float64),
@@ -147,6 +152,11 @@ def to_manifold(vertices: Vertices, triangles: Triangles, tolerance_m: float = 0
     if solid.status() != Error.NoError:
         raise MeshError(
             f"is not a solid (manifold3d: {solid.status().name}); repair it in the modeller"
+        )
+    draft = Draft(vertices, triangles)
+    if abs(solid.volume() - draft.volume_m3()) > PAIRED * draft.diagonal_m * draft.area_m2():
+        raise MeshError(
+            "is not a solid (manifold3d pairs its edges otherwise); repair it in the modeller"
         )
     return solid
 
@@ -161,7 +171,7 @@ def _from_manifold(draft: Draft, solid: Any) -> None:
 
 
 def _collapse_slivers(draft: Draft, share: float = SLIVER, crossing: bool = True) -> bool:
-    """Triangles so thin that their normal is noise.   Output: whether fewer are left, without crossings if so wished."""
+    """Triangles so thin that their normal is noise. Output: whether fewer are left, without crossings if so wished."""
     limit_m = share * draft.diagonal_m
     thin = _thinner(draft, limit_m)
     before = len(draft.triangles)
@@ -198,14 +208,20 @@ def _simplified(draft: Draft, limit_m: float) -> Draft | None:
         _from_manifold(made, to_manifold(draft.vertices, draft.triangles).simplify(limit_m))
     except MeshError:
         return None
-    moved_m3 = abs(made.volume_m3() - draft.volume_m3())
-    return None if moved_m3 > limit_m * draft.area_m2() else made
+    return None if _moved(draft, made, limit_m) else made
 
 
-def _mended_in_place(draft: Draft, limit_m: float) -> Draft:
-    """The surface with its slivers mended one by one, less what lies on its own back then."""
+def _mended_in_place(draft: Draft, limit_m: float) -> Draft | None:
+    """The surface with its slivers mended one by one, less what lies on its own back then; None when nothing is left,
+    or it moved more than limit_m."""
     triangles = mend_slivers(draft.vertices, draft.triangles, limit_m)
-    return Draft(draft.vertices, topology.without_leaves(triangles))
+    triangles = topology.without_leaves(triangles)
+    made = Draft(draft.vertices, triangles) if len(triangles) else None
+    return None if made is None or _moved(draft, made, limit_m) else made
+
+
+def _moved(draft: Draft, made: Draft, limit_m: float) -> bool:
+    return abs(made.volume_m3() - draft.volume_m3()) > limit_m * draft.area_m2()
 
 
 def _weld_touching(draft: Draft) -> None:
@@ -347,8 +363,20 @@ def _drop_flat_shells(draft: Draft) -> None:
     count, shell = topology.shells(draft.vertices, draft.triangles)
     volume_m3 = np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles))
     area_m2 = np.bincount(shell, weights=topology.areas_m2(draft.vertices, draft.triangles))
-    flat = np.abs(volume_m3) <= CROSSING * draft.diagonal_m * area_m2
+    thin_m = CROSSING * draft.diagonal_m
+    boxes = _shell_boxes(draft, shell, count)
+    # What is as thin as a line is flat whatever rounding makes of its volume.
+    least_m2 = thin_m * np.linalg.norm(boxes[:, 1] - boxes[:, 0], axis=1)
+    flat = (2.0 * np.abs(volume_m3) <= thin_m * area_m2) | (area_m2 <= least_m2)
     if not flat.any() or flat.all() or len(draft.loose_edges()):
+        return
+    # One that passes through itself encloses something twice, in both senses.
+    some = np.flatnonzero(flat[shell])
+    pairs = some[
+        topology.crossing_pairs(draft.vertices, draft.triangles[some], CROSSING * draft.diagonal_m)
+    ]
+    flat[shell[pairs[shell[pairs[:, 0]] == shell[pairs[:, 1]], 0]]] = False
+    if not flat.any():
         return
     draft.triangles = draft.triangles[~flat[shell]]
     share = percent(area_m2[flat].sum() / area_m2.sum())
