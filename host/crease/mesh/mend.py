@@ -350,7 +350,8 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
     _from_manifold(draft, whole)
     _drop_flat_shells(draft)
     now, _ = topology.shells(draft.vertices, draft.triangles)
-    draft.layered = _has_walls(draft)
+    # Where solids touch along edges a union may leave a wall between them.
+    draft.layered = bool(arrange.walls(draft.vertices, draft.triangles).any())
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
@@ -385,17 +386,13 @@ def _drop_flat_shells(draft: Draft) -> None:
     )
 
 
-def _has_walls(draft: Draft) -> bool:
-    """Whether a triangle parts nothing at an edge of more than two: where solids touch along edges a union may leave
-    a wall between them."""
-    codes = topology.undirected_codes(draft.triangles, draft.vertex_count)
-    _, kind, uses = np.unique(codes, return_inverse=True, return_counts=True)
-    asked = np.unique(np.flatnonzero(uses[kind] > 2) // 3).astype(np.int32)
-    if len(asked) == 0:
-        return False
-    middle = draft.vertices[draft.triangles[asked]].mean(axis=1)
-    found = arrange.Winding(draft.vertices, draft.triangles).at(middle, asked)
-    return bool((np.abs(found - 0.5) > 0.5).any())
+def _drop_walls(draft: Draft) -> None:
+    """Walls between solids that touch, whose sides are cut otherwise, as far as the surface is closed without them."""
+    if len(draft.loose_edges()):
+        return
+    rest = draft.triangles[~arrange.walls(draft.vertices, draft.triangles)]
+    if len(rest) and len(topology.unbalanced_edges(rest, draft.vertex_count)) == 0:
+        draft.triangles = rest
 
 
 def _outer_meet(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bool_]) -> bool:
@@ -425,6 +422,7 @@ def _cut_crossings(draft: Draft) -> None:
     place = draft.place(draft.vertices[draft.triangles[pairs[0]]]) if len(pairs) else ""
     draft.vertices, draft.triangles = topology.compact(made.vertices, kept)
     _close_cracks(draft)
+    _drop_walls(draft)
     _drop_flat_shells(draft)
     if len(pairs):
         draft.notes.append(

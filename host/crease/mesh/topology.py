@@ -18,6 +18,9 @@ Indices = npt.NDArray[np.int64]
 ANGLE_SAME = 1e-9
 """Triangles round an edge that turn by less, in rad, lie on each other."""
 
+TINY = 1e-300
+"""What lengths are divided by that are zero."""
+
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
@@ -220,11 +223,11 @@ def _neighbours_at(
     tip = triangles[faces, (side + 2) % 3]
     forward = tail < head
     axis = vertices[max(tail[0], head[0])] - vertices[min(tail[0], head[0])]
-    axis = axis / np.linalg.norm(axis)
+    axis = axis / max(float(np.linalg.norm(axis)), TINY)
     out = vertices[tip] - vertices[tail]
     out = out - np.outer(out @ axis, axis)
     length = np.linalg.norm(out, axis=1)
-    first = out[np.argmax(length)] / length.max()
+    first = out[np.argmax(length)] / max(float(length.max()), TINY)
     angle = np.arctan2(out @ np.cross(axis, first), out @ first)
     # Material lies on the falling side of a forward triangle. On that way forward and backward ones nest as brackets
     # do, those that lie on each other first the backward one: nothing lies between them.
