@@ -193,3 +193,21 @@ def test_many_slivers_are_mended_in_a_moment() -> None:
     assert topology.altitudes_m(vertices, mended).min() > 3e-4
     assert len(topology.unbalanced_edges(mended, len(vertices))) == 0
     assert took_s < 1.5
+
+
+def test_the_rim_of_a_foil_thinner_than_rounding_is_convex() -> None:
+    """Far from its origin rounding is 40 um: the rim belongs to one side of the foil, and folds back to the other."""
+    disc = trimesh.creation.cylinder(20.0, 0.03, sections=64)
+    mesh = make_mesh(disc.vertices + np.array([100_000.0, 0.0, 0.0]), disc.faces, 1e-3)
+    surface = make_surface(mesh, 30.0)
+    assert surface.counts["concave_edges"] == 0
+    assert surface.counts["convex_edges"] >= 64
+
+
+def test_shells_of_a_clean_part_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    shells = topology.shells
+    monkeypatch.setattr(topology, "shells", lambda *a: asked.append(1) or shells(*a))
+    cube = trimesh.creation.box([0.02] * 3)
+    make_mesh(cube.vertices, cube.faces)
+    assert len(asked) == 1

@@ -277,7 +277,7 @@ def _inside(point: npt.NDArray[np.float64], vertices: Vertices, triangles: Trian
 
 def _settle_shells(draft: Draft) -> None:
     """Turn shells that are inside out, and unite shells that meet."""
-    count, shell = topology.shells(draft.vertices, draft.triangles)
+    count, shell = draft.shells()
     parts_m3 = topology.volumes_m3(draft.vertices, draft.triangles)
     volume = np.bincount(shell, weights=parts_m3, minlength=count).astype(np.float64)
     boxes = _shell_boxes(draft, shell, count)
@@ -349,7 +349,7 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
     _drop_flat_shells(draft)
-    now, _ = topology.shells(draft.vertices, draft.triangles)
+    now, _ = draft.shells()
     # Where solids touch along edges a union may leave a wall between them.
     draft.layered = bool(arrange.walls(draft.vertices, draft.triangles).any())
     if now != count or len(draft.triangles) != before:
@@ -361,7 +361,7 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
 
 def _drop_flat_shells(draft: Draft) -> None:
     """What encloses nothing beside what does: folds, and walls between solids that touch."""
-    count, shell = topology.shells(draft.vertices, draft.triangles)
+    count, shell = draft.shells()
     volume_m3 = np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles))
     area_m2 = np.bincount(shell, weights=topology.areas_m2(draft.vertices, draft.triangles))
     thin_m = CROSSING * draft.diagonal_m
