@@ -81,7 +81,7 @@ def mend_surface(
     Errors: MeshError with what is wrong and the mend, without the file.
     """
     draft = Draft(vertices, triangles, wishes)
-    stages = (
+    stages: tuple[Callable[[Draft], object], ...] = (
         weld,
         drop_triangles,
         _close,

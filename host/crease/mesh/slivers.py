@@ -46,9 +46,9 @@ def _joined(vertices: Vertices, triangles: Triangles, limit_m: float, rank: Indi
     np.minimum.at(takes, one[stays[two]], rank[two[stays[two]]])
     of_rank = np.empty_like(rank)
     of_rank[rank] = np.arange(len(rank))
-    triangles = of_rank[takes][triangles].astype(np.int32)
-    a, b, c = triangles.T
-    return triangles[(a != b) & (b != c) & (c != a)]
+    made: Triangles = of_rank[takes][triangles].astype(np.int32)
+    a, b, c = made.T
+    return np.asarray(made[(a != b) & (b != c) & (c != a)])
 
 
 def _turned(vertices: Vertices, triangles: Triangles, limit_m: float) -> tuple[Triangles, int]:
