@@ -62,6 +62,9 @@ CROSSING = 2e-6
 """Share of the diagonal below which a passage of the surface through itself is taken as touching."""
 
 
+ENCLOSED = 0.1
+"""Share of a surface from which on what lies behind it makes it no fold: half of the ends of two lobes cancel out."""
+
 PAIRED = 1e-9
 """Volume, over diagonal and area, by which manifold3d may have another than the surface it is given: rounding."""
 
@@ -371,12 +374,12 @@ def _drop_flat_shells(draft: Draft) -> None:
     flat = (2.0 * np.abs(volume_m3) <= thin_m * area_m2) | (area_m2 <= least_m2)
     if not flat.any() or flat.all() or len(draft.loose_edges()):
         return
-    # One that passes through itself encloses something twice, in both senses.
+    # One that passes through itself may enclose as much in one sense as in the other.
     some = np.flatnonzero(flat[shell])
-    pairs = some[
-        topology.crossing_pairs(draft.vertices, draft.triangles[some], CROSSING * draft.diagonal_m)
-    ]
-    flat[shell[pairs[shell[pairs[:, 0]] == shell[pairs[:, 1]], 0]]] = False
+    pairs = some[topology.crossing_pairs(draft.vertices, draft.triangles[some], thin_m)]
+    through = pairs[shell[pairs[:, 0]] == shell[pairs[:, 1]], 0]
+    for i in np.unique(shell[through]).tolist():
+        flat[i] = not _encloses(draft.vertices, draft.triangles[shell == i], 2.0 * thin_m)
     if not flat.any():
         return
     draft.triangles = draft.triangles[~flat[shell]]
@@ -384,6 +387,16 @@ def _drop_flat_shells(draft: Draft) -> None:
     draft.notes.append(
         f"dropped {plural(int(np.count_nonzero(flat)), 'piece')} without volume, {share} of the surface"
     )
+
+
+def _encloses(vertices: Vertices, triangles: Triangles, deep_m: float) -> bool:
+    """Whether a closed surface goes round what lies so deep behind it, in either sense."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    double_m2 = np.linalg.norm(normal, axis=1)
+    behind = (a + b + c) / 3.0 - normal * (deep_m / np.maximum(double_m2, 1e-300))[:, None]
+    found = np.abs(arrange.Winding(vertices, triangles).at(behind)) > 0.5
+    return bool(double_m2[found].sum() > ENCLOSED * double_m2.sum())
 
 
 def _drop_walls(draft: Draft) -> None:
