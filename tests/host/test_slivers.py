@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import igl
@@ -115,5 +116,98 @@ def test_a_block_of_sheets_alone_is_refused_not_emptied() -> None:
     square = trimesh.Trimesh(
         [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3), (1, 0, 3), (1, 3, 2)]
     )
-    with pytest.raises(Exception, match="flat|sheet|thickness"):
+    with pytest.raises(Exception, match=r"flat|sheet|thickness"):
         make_mesh(square.vertices, square.faces, 1e-2)
+
+
+def prism(outline: list[tuple[float, float]], height: float) -> trimesh.Trimesh:
+    """What an outline sweeps, its ends cut as fans."""
+    n = len(outline)
+    vertices = [(x, y, z) for z in (0.0, height) for x, y in outline]
+    faces = [[i + 1, i, 0] for i in range(1, n - 1)]
+    faces += [[n, n + i, n + i + 1] for i in range(1, n - 1)]
+    for i in range(n):
+        j = (i + 1) % n
+        faces += [[i, j, n + j], [i, n + j, n + i]]
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def volume_mm3(mesh: Mesh) -> float:
+    return float(1e9 * topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum())
+
+
+def test_a_blade_thinner_than_rounding_is_kept_or_told() -> None:
+    """All its triangles would be one line: nothing would be left."""
+    blade = trimesh.Trimesh(
+        [(0, 0, 0), (100, 0, 0), (100, 0, 1e-4), (0, 50, 0), (100, 50, 0), (100, 50, 1e-4)],
+        [(0, 1, 2), (3, 5, 4), (0, 4, 1), (0, 3, 4), (1, 5, 2), (1, 4, 5), (0, 2, 5), (0, 5, 3)],
+        process=False,
+    )
+    mesh = make_mesh(blade.vertices, blade.faces, 1e-3)
+    assert volume_mm3(mesh) == pytest.approx(0.25, rel=1e-6)
+
+
+def test_a_piece_that_encloses_both_ways_is_no_fold() -> None:
+    """The two lobes of an outline that crosses itself have no volume in sum."""
+    lobes = prism([(0, 0), (20, 10), (20, 0), (0, 10)], 10.0)
+    lobes.apply_translation([0, 0, 100])
+    both = trimesh.util.concatenate([trimesh.creation.box([60] * 3), lobes])
+    mesh = make_mesh(both.vertices, both.faces, 1e-3)
+    assert volume_mm3(mesh) == pytest.approx(216_000 + 500, rel=1e-6)
+
+
+def test_a_foil_beside_a_part_is_kept() -> None:
+    """0.3 um, two and a half times what counts as touching there."""
+    foil = trimesh.creation.box([20, 20, 3e-4])
+    foil.apply_translation([0, 0, 40])
+    both = trimesh.util.concatenate([trimesh.creation.box([60] * 3), foil])
+    mesh = make_mesh(both.vertices, both.faces, 1e-3)
+    assert volume_mm3(mesh) - 216_000 == pytest.approx(0.12, rel=1e-3)
+
+
+@pytest.mark.parametrize("made", ["ball", "cylinder"])
+def test_short_edges_that_hang_together_are_thinned_out_not_one_point(made: str) -> None:
+    """A screw on a hall: its edges are shorter than what is rounding for the hall, and all hang together."""
+    small = (
+        trimesh.creation.icosphere(5, 4.0)
+        if made == "ball"
+        else trimesh.creation.cylinder(4.0, 20.0, sections=512)
+    )
+    mended = mend_slivers(small.vertices, small.faces.astype(np.int32), 0.2)
+    assert len(topology.unbalanced_edges(mended, len(small.vertices))) == 0
+    volume = topology.volumes_m3(np.asarray(small.vertices), mended).sum()
+    assert volume == pytest.approx(small.volume, rel=0.02)
+    assert len(mended) < 0.5 * len(small.faces)
+
+
+def test_many_slivers_are_mended_in_a_moment() -> None:
+    cube = trimesh.creation.box([100] * 3).subdivide_to_size(4.0)
+    tip = len(cube.vertices) + np.arange(len(cube.faces))
+    a, b, c = (np.asarray(cube.faces)[:, k] for k in range(3))
+    edge = 0.5 * (cube.vertices[a] + cube.vertices[b])
+    vertices = np.vstack([cube.vertices, edge + 1e-7 * (cube.vertices[c] - edge)])
+    faces = np.vstack([np.c_[a, tip, c], np.c_[tip, b, c], np.c_[a, b, tip]]).astype(np.int32)
+    began = time.process_time()
+    mended = mend_slivers(vertices, faces, 3e-4)
+    took_s = time.process_time() - began
+    assert topology.altitudes_m(vertices, mended).min() > 3e-4
+    assert len(topology.unbalanced_edges(mended, len(vertices))) == 0
+    assert took_s < 1.5
+
+
+def test_the_rim_of_a_foil_thinner_than_rounding_is_convex() -> None:
+    """Far from its origin rounding is 40 um: the rim belongs to one side of the foil, and folds back to the other."""
+    disc = trimesh.creation.cylinder(20.0, 0.03, sections=64)
+    mesh = make_mesh(disc.vertices + np.array([100_000.0, 0.0, 0.0]), disc.faces, 1e-3)
+    surface = make_surface(mesh, 30.0)
+    assert surface.counts["concave_edges"] == 0
+    assert surface.counts["convex_edges"] >= 64
+
+
+def test_shells_of_a_clean_part_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    shells = topology.shells
+    monkeypatch.setattr(topology, "shells", lambda *a: asked.append(1) or shells(*a))
+    cube = trimesh.creation.box([0.02] * 3)
+    make_mesh(cube.vertices, cube.faces)
+    assert len(asked) == 1

@@ -7,7 +7,8 @@ import numpy as np
 import parts
 import pytest
 import trimesh
-from crease.bake.surface import make_surface
+from crease.bake.surface import Surface, make_surface
+from crease.mesh import topology
 from crease.mesh.mesh import make_mesh
 from crease.mesh.topology import touching, without_leaves
 from numpy.typing import NDArray
@@ -91,3 +92,65 @@ def test_what_decimating_left_has_the_inside_that_its_triangles_wind_round(
     phi_m, _ = make_surface(mesh, 30.0).signed_distance(1e-3 * points)
     winding = igl.fast_winding_number(np.ascontiguousarray(vertices), triangles, points)
     np.testing.assert_array_equal(phi_m < 0.0, winding > 0.5)
+
+
+def voxels(seed: int, side: int, filled: float) -> NDArray[np.bool_]:
+    return np.random.default_rng(seed).random((side,) * 3) < filled
+
+
+def skin(filled: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
+    """The faces of voxels towards empty ones, as every voxel tool writes them; the first diagonal of each is cut."""
+    padded, corners = np.pad(filled, 1), []
+    for axis in range(3):
+        u, w = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        for sense in (1, -1):
+            at = np.argwhere(padded & ~np.roll(padded, -sense, axis)) - 1.0
+            at[:, axis] += sense > 0
+            corners.append(np.stack([at, at + u, at + u + w, at + w][::sense], axis=1))
+    quads = np.concatenate(corners)
+    faces = (4 * np.arange(len(quads))[:, None, None] + [(0, 1, 2), (0, 2, 3)]).reshape(-1, 3)
+    return quads.reshape(-1, 3), faces
+
+
+def wrong_voxels(surface: Surface, filled: NDArray[np.bool_], first: float = 0.0) -> int:
+    """Points in voxels of 10 mm, from `first` voxels on, that are taken for the wrong side; half are near corners."""
+    points = np.random.default_rng(3).random((40_000, 3)) * filled.shape[0]
+    points[::2] = np.round(points[::2]) + np.random.default_rng(4).normal(0.0, 1e-3, (20_000, 3))
+    points = points[(np.abs(points - np.round(points)) > 1e-4).all(axis=1)]
+    padded = np.pad(filled, 1)
+    inside = padded[tuple((np.floor(points).astype(int) + 1).T)]
+    return int(
+        np.count_nonzero((surface.signed_distance(1e-2 * (points + first))[0] < 0.0) != inside)
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("filled", [0.3, 0.5])
+def test_a_skin_of_voxels_stays_as_it_is(seed: int, filled: float) -> None:
+    """Voxels that touch in edges, of one shell or of two: manifold3d joined them across the material."""
+    solid = voxels(seed, 8, filled)
+    mesh = make_mesh(*skin(solid), 1e-2)
+    volume_cm3 = 1e6 * topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum()
+    assert volume_cm3 == pytest.approx(np.count_nonzero(solid), rel=1e-7)
+    assert wrong_voxels(make_surface(mesh, 30.0), solid) == 0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_heap_of_voxels_is_one_solid_without_walls(seed: int) -> None:
+    solid = voxels(seed, 8, 0.5)
+    box = trimesh.creation.box([1.0] * 3)
+    at = np.argwhere(solid)
+    vertices = (at[:, None] + box.vertices).reshape(-1, 3)
+    faces = (8 * np.arange(len(at))[:, None, None] + box.faces).reshape(-1, 3)
+    mesh = make_mesh(vertices, faces, 1e-2)
+    volume_cm3 = 1e6 * topology.volumes_m3(mesh.vertices_m, mesh.triangles).sum()
+    assert volume_cm3 == pytest.approx(np.count_nonzero(solid), rel=1e-7)
+    assert wrong_voxels(make_surface(mesh, 30.0), solid, -0.5) == 0
+
+
+def test_edges_without_length_are_no_warning() -> None:
+    """Sewing may leave two vertices in one place: what lies round their edge has no angle."""
+    points = np.array([(0, 0, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], float)
+    fans = [(0, 1, 2), (1, 0, 3), (0, 1, 4), (1, 0, 5)]
+    with np.errstate(all="raise"):
+        topology.shells(points, np.array(fans, np.int32))

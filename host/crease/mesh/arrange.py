@@ -29,6 +29,8 @@ TRIED = 5
 """Triangles of a piece that are asked where it lies, the largest first, until one answers clearly."""
 CLEAR = 0.2
 """How far a winding number may be from a half on a triangle that is taken as clear."""
+BESIDE = 1e-8
+"""Share of the diagonal at which both sides of a wall are asked: further than SHAKE moves it, nearer than solids."""
 THREADS = 2
 _CHUNK = 4096
 
@@ -122,6 +124,36 @@ def _shaken(vertices: Vertices, triangles: Triangles) -> Vertices:
     diagonal = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
     shake = np.random.default_rng(SEED).uniform(-1.0, 1.0, vertices.shape)
     return np.ascontiguousarray(vertices + SHAKE * diagonal * shake)
+
+
+def walls(vertices: Vertices, triangles: Triangles) -> npt.NDArray[np.bool_]:
+    """Which triangles (m,) of a closed surface have the same on both sides, of pieces with an edge of more than two.
+
+    In the plane of a wall whose two sides are cut otherwise the winding number is rounding: it is asked beside it.
+    """
+    codes = topology.undirected_codes(triangles, len(vertices))
+    _, kind, uses = np.unique(codes, return_inverse=True, return_counts=True)
+    crowded = np.flatnonzero(uses[kind.reshape(-1)] > 2) // 3
+    none = np.zeros(len(triangles), bool)
+    if len(crowded) == 0:
+        return none
+    lines = np.zeros((0, 2), np.int32)
+    count, piece = _pieces(Arrangement(vertices, triangles, lines, 0, 0))
+    altitude_m = topology.altitudes_m(vertices, triangles)
+    order = np.lexsort((-altitude_m, piece))
+    widest = order[np.searchsorted(piece[order], np.arange(count))]
+    corners = vertices[triangles]
+    beside_m = BESIDE * float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    touching = none.copy()
+    touching[crowded] = True
+    asked = widest[np.bincount(piece, touching, count) > 0]
+    asked = asked[altitude_m[asked] > 100.0 * beside_m]
+    a, b, c = (corners[asked, k] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal *= beside_m / np.linalg.norm(normal, axis=1)[:, None]
+    winding = Winding(vertices, triangles)
+    behind, before = (winding.at((a + b + c) / 3.0 + side * normal) for side in (-1.0, 1.0))
+    return np.isin(piece, piece[asked[np.abs(behind - before) < 0.5]])
 
 
 def outer_surface(made: Arrangement) -> tuple[Triangles, int]:

@@ -40,6 +40,7 @@ class Draft:
         self.layered = False
         """Whether there may be inner faces without a crossing: then winding numbers decide what stays."""
         self._loose: tuple[Triangles, Indices] | None = None
+        self._shells: tuple[Vertices, Triangles, tuple[int, npt.NDArray[np.int32]]] | None = None
         used = vertices[triangles.reshape(-1)]
         self.diagonal_m = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
 
@@ -53,6 +54,14 @@ class Draft:
             found = topology.unbalanced_edges(self.triangles, self.vertex_count)
             self._loose = self.triangles, found
         return self._loose[1]
+
+    def shells(self) -> tuple[int, npt.NDArray[np.int32]]:
+        """Number of shells and the shell of each triangle, looked for once in the same arrays."""
+        kept = self._shells
+        if kept is None or kept[0] is not self.vertices or kept[1] is not self.triangles:
+            found = topology.shells(self.vertices, self.triangles)
+            kept = self._shells = self.vertices, self.triangles, found
+        return kept[2]
 
     def place(self, points: npt.NDArray[np.float64]) -> str:
         """Where something is, for a person: mean of the points, in the unit of the file."""

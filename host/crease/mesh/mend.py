@@ -62,6 +62,12 @@ CROSSING = 2e-6
 """Share of the diagonal below which a passage of the surface through itself is taken as touching."""
 
 
+ENCLOSED = 0.1
+"""Share of a surface from which on what lies behind it makes it no fold: half of the ends of two lobes cancel out."""
+
+PAIRED = 1e-9
+"""Volume, over diagonal and area, by which manifold3d may have another than the surface it is given: rounding."""
+
 FLAT = 1e-9
 """Volume over diagonal cubed below which there is no inside."""
 
@@ -78,7 +84,7 @@ def mend_surface(
     Errors: MeshError with what is wrong and the mend, without the file.
     """
     draft = Draft(vertices, triangles, wishes)
-    stages = (
+    stages: tuple[Callable[[Draft], object], ...] = (
         weld,
         drop_triangles,
         _close,
@@ -137,6 +143,8 @@ def to_manifold(vertices: Vertices, triangles: Triangles, tolerance_m: float = 0
     """The surface as manifold3d has it.   Errors: MeshError when it refuses."""
     from manifold3d import Error, Manifold, Mesh64
 
+    # Triangles of an edge of four it pairs as it likes, across the material too: they get vertices of their own.
+    vertices, triangles = topology.parted(vertices, triangles)
     solid = Manifold(
         Mesh64(
             vert_properties=np.ascontiguousarray(vertices, dtype=np.float64),
@@ -147,6 +155,11 @@ def to_manifold(vertices: Vertices, triangles: Triangles, tolerance_m: float = 0
     if solid.status() != Error.NoError:
         raise MeshError(
             f"is not a solid (manifold3d: {solid.status().name}); repair it in the modeller"
+        )
+    draft = Draft(vertices, triangles)
+    if abs(solid.volume() - draft.volume_m3()) > PAIRED * draft.diagonal_m * draft.area_m2():
+        raise MeshError(
+            "is not a solid (manifold3d pairs its edges otherwise); repair it in the modeller"
         )
     return solid
 
@@ -161,7 +174,7 @@ def _from_manifold(draft: Draft, solid: Any) -> None:
 
 
 def _collapse_slivers(draft: Draft, share: float = SLIVER, crossing: bool = True) -> bool:
-    """Triangles so thin that their normal is noise.   Output: whether fewer are left, without crossings if so wished."""
+    """Triangles so thin that their normal is noise. Output: whether fewer are left, without crossings if so wished."""
     limit_m = share * draft.diagonal_m
     thin = _thinner(draft, limit_m)
     before = len(draft.triangles)
@@ -198,14 +211,20 @@ def _simplified(draft: Draft, limit_m: float) -> Draft | None:
         _from_manifold(made, to_manifold(draft.vertices, draft.triangles).simplify(limit_m))
     except MeshError:
         return None
-    moved_m3 = abs(made.volume_m3() - draft.volume_m3())
-    return None if moved_m3 > limit_m * draft.area_m2() else made
+    return None if _moved(draft, made, limit_m) else made
 
 
-def _mended_in_place(draft: Draft, limit_m: float) -> Draft:
-    """The surface with its slivers mended one by one, less what lies on its own back then."""
+def _mended_in_place(draft: Draft, limit_m: float) -> Draft | None:
+    """The surface with its slivers mended one by one, less what lies on its own back then; None when nothing is left,
+    or it moved more than limit_m."""
     triangles = mend_slivers(draft.vertices, draft.triangles, limit_m)
-    return Draft(draft.vertices, topology.without_leaves(triangles))
+    triangles = topology.without_leaves(triangles)
+    made = Draft(draft.vertices, triangles) if len(triangles) else None
+    return None if made is None or _moved(draft, made, limit_m) else made
+
+
+def _moved(draft: Draft, made: Draft, limit_m: float) -> bool:
+    return abs(made.volume_m3() - draft.volume_m3()) > limit_m * draft.area_m2()
 
 
 def _weld_touching(draft: Draft) -> None:
@@ -261,7 +280,7 @@ def _inside(point: npt.NDArray[np.float64], vertices: Vertices, triangles: Trian
 
 def _settle_shells(draft: Draft) -> None:
     """Turn shells that are inside out, and unite shells that meet."""
-    count, shell = topology.shells(draft.vertices, draft.triangles)
+    count, shell = draft.shells()
     parts_m3 = topology.volumes_m3(draft.vertices, draft.triangles)
     volume = np.bincount(shell, weights=parts_m3, minlength=count).astype(np.float64)
     boxes = _shell_boxes(draft, shell, count)
@@ -333,8 +352,9 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
         whole = whole - part if is_cavity else whole + part
     _from_manifold(draft, whole)
     _drop_flat_shells(draft)
-    now, _ = topology.shells(draft.vertices, draft.triangles)
-    draft.layered = _has_walls(draft)
+    now, _ = draft.shells()
+    # Where solids touch along edges a union may leave a wall between them.
+    draft.layered = bool(arrange.walls(draft.vertices, draft.triangles).any())
     if now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
@@ -344,11 +364,23 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
 
 def _drop_flat_shells(draft: Draft) -> None:
     """What encloses nothing beside what does: folds, and walls between solids that touch."""
-    count, shell = topology.shells(draft.vertices, draft.triangles)
+    count, shell = draft.shells()
     volume_m3 = np.bincount(shell, weights=topology.volumes_m3(draft.vertices, draft.triangles))
     area_m2 = np.bincount(shell, weights=topology.areas_m2(draft.vertices, draft.triangles))
-    flat = np.abs(volume_m3) <= CROSSING * draft.diagonal_m * area_m2
+    thin_m = CROSSING * draft.diagonal_m
+    boxes = _shell_boxes(draft, shell, count)
+    # What is as thin as a line is flat whatever rounding makes of its volume.
+    least_m2 = thin_m * np.linalg.norm(boxes[:, 1] - boxes[:, 0], axis=1)
+    flat = (2.0 * np.abs(volume_m3) <= thin_m * area_m2) | (area_m2 <= least_m2)
     if not flat.any() or flat.all() or len(draft.loose_edges()):
+        return
+    # One that passes through itself may enclose as much in one sense as in the other.
+    some = np.flatnonzero(flat[shell])
+    pairs = some[topology.crossing_pairs(draft.vertices, draft.triangles[some], thin_m)]
+    through = pairs[shell[pairs[:, 0]] == shell[pairs[:, 1]], 0]
+    for i in np.unique(shell[through]).tolist():
+        flat[i] = not _encloses(draft.vertices, draft.triangles[shell == i], 2.0 * thin_m)
+    if not flat.any():
         return
     draft.triangles = draft.triangles[~flat[shell]]
     share = percent(area_m2[flat].sum() / area_m2.sum())
@@ -357,17 +389,23 @@ def _drop_flat_shells(draft: Draft) -> None:
     )
 
 
-def _has_walls(draft: Draft) -> bool:
-    """Whether a triangle parts nothing at an edge of more than two: where solids touch along edges a union may leave
-    a wall between them."""
-    codes = topology.undirected_codes(draft.triangles, draft.vertex_count)
-    _, kind, uses = np.unique(codes, return_inverse=True, return_counts=True)
-    asked = np.unique(np.flatnonzero(uses[kind] > 2) // 3).astype(np.int32)
-    if len(asked) == 0:
-        return False
-    middle = draft.vertices[draft.triangles[asked]].mean(axis=1)
-    found = arrange.Winding(draft.vertices, draft.triangles).at(middle, asked)
-    return bool((np.abs(found - 0.5) > 0.5).any())
+def _encloses(vertices: Vertices, triangles: Triangles, deep_m: float) -> bool:
+    """Whether a closed surface goes round what lies so deep behind it, in either sense."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    double_m2 = np.linalg.norm(normal, axis=1)
+    behind = (a + b + c) / 3.0 - normal * (deep_m / np.maximum(double_m2, 1e-300))[:, None]
+    found = np.abs(arrange.Winding(vertices, triangles).at(behind)) > 0.5
+    return bool(double_m2[found].sum() > ENCLOSED * double_m2.sum())
+
+
+def _drop_walls(draft: Draft) -> None:
+    """Walls between solids that touch, whose sides are cut otherwise, as far as the surface is closed without them."""
+    if len(draft.loose_edges()):
+        return
+    rest = draft.triangles[~arrange.walls(draft.vertices, draft.triangles)]
+    if len(rest) and len(topology.unbalanced_edges(rest, draft.vertex_count)) == 0:
+        draft.triangles = rest
 
 
 def _outer_meet(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bool_]) -> bool:
@@ -397,6 +435,7 @@ def _cut_crossings(draft: Draft) -> None:
     place = draft.place(draft.vertices[draft.triangles[pairs[0]]]) if len(pairs) else ""
     draft.vertices, draft.triangles = topology.compact(made.vertices, kept)
     _close_cracks(draft)
+    _drop_walls(draft)
     _drop_flat_shells(draft)
     if len(pairs):
         draft.notes.append(

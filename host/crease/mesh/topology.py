@@ -18,6 +18,9 @@ Indices = npt.NDArray[np.int64]
 ANGLE_SAME = 1e-9
 """Triangles round an edge that turn by less, in rad, lie on each other."""
 
+TINY = 1e-300
+"""What lengths are divided by that are zero."""
+
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
@@ -116,15 +119,7 @@ def touching(triangles: Triangles, vertex_count: int) -> npt.NDArray[np.bool_]:
     shared = np.zeros(vertex_count, bool)
     shared[start[many]] = shared[end[many]] = True
     # Corners at a vertex hang together over its edges; where they do so in several parts, the surface touches there.
-    after = (one // 3) * 3 + (one + 1) % 3, (two // 3) * 3 + (two + 1) % 3
-    # Two triangles pass an edge in opposite directions: the start of the one is the end of the other.
-    rows, columns = np.r_[one, after[0]], np.r_[after[1], two]
-    links = sparse.coo_matrix(
-        (np.ones(len(rows), np.int8), (rows, columns)), shape=(len(start),) * 2
-    )
-    count, part = csgraph.connected_components(links, directed=False)
-    vertex_of = np.zeros(count, np.int64)
-    vertex_of[part] = triangles.reshape(-1)
+    _, _, vertex_of = _corner_parts(triangles, one, two)
     shared |= np.bincount(vertex_of, minlength=vertex_count) > 1
     return np.asarray(shared[triangles].any(axis=1))
 
@@ -168,16 +163,7 @@ def shells(vertices: Vertices, triangles: Triangles) -> tuple[int, npt.NDArray[n
     Where more than two triangles meet in an edge, those are neighbours that enclose material between them: two solids
     that touch along an edge or a face are two shells, also where one of them is inside out.
     """
-    codes = undirected_codes(triangles, len(vertices))
-    order = np.argsort(codes, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(codes[order]) != 0])
-    uses = np.diff(np.r_[starts, len(codes)])
-    plain = starts[uses == 2]
-    one, two = order[plain] // 3, order[plain + 1] // 3
-    crowded = [order[s : s + n] for s, n in zip(starts[uses > 2], uses[uses > 2], strict=True)]
-    extra = [pair for edges in crowded for pair in _neighbours_at(vertices, triangles, edges)]
-    if extra:
-        one, two = np.r_[one, [p[0] for p in extra]], np.r_[two, [p[1] for p in extra]]
+    one, two = (edges // 3 for edges in solid_edges(vertices, triangles))
     graph = sparse.coo_matrix(
         (np.ones(len(one), dtype=np.int8), (one, two)), shape=(len(triangles), len(triangles))
     )
@@ -185,20 +171,63 @@ def shells(vertices: Vertices, triangles: Triangles) -> tuple[int, npt.NDArray[n
     return int(count), of_triangle.astype(np.int32)
 
 
+def solid_edges(vertices: Vertices, triangles: Triangles) -> tuple[Indices, Indices]:
+    """Edges (of 3 m) of a closed mesh that belong together: those of the one, and in the same order those of the other.
+
+    Where more than two triangles meet in an edge, those belong together that enclose material between them.
+    """
+    codes = undirected_codes(triangles, len(vertices))
+    order = np.argsort(codes, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(codes[order]) != 0])
+    uses = np.diff(np.r_[starts, len(codes)])
+    plain = starts[uses == 2]
+    one, two = order[plain], order[plain + 1]
+    crowded = [order[s : s + n] for s, n in zip(starts[uses > 2], uses[uses > 2], strict=True)]
+    extra = [pair for edges in crowded for pair in _neighbours_at(vertices, triangles, edges)]
+    if extra:
+        one, two = np.r_[one, [p[0] for p in extra]], np.r_[two, [p[1] for p in extra]]
+    return one, two
+
+
+def parted(vertices: Vertices, triangles: Triangles) -> tuple[Vertices, Triangles]:
+    """The same closed mesh with a vertex for each part where it touches itself: all edges have two triangles."""
+    one, two = solid_edges(vertices, triangles)
+    count, part, vertex_of = _corner_parts(triangles, one, two)
+    if count == len(vertices):
+        return vertices, triangles
+    return vertices[vertex_of], part.reshape(-1, 3).astype(np.int32)
+
+
+def _corner_parts(
+    triangles: Triangles, one: Indices, two: Indices
+) -> tuple[int, npt.NDArray[np.int32], Indices]:
+    """Corners (3 m) that hang together at a vertex over pairs of edges: number of parts, each one's, their vertices."""
+    # Two triangles pass an edge in opposite directions: the start of the one is the end of the other.
+    after = (one // 3) * 3 + (one + 1) % 3, (two // 3) * 3 + (two + 1) % 3
+    rows, columns = np.r_[one, after[0]], np.r_[after[1], two]
+    links = sparse.coo_matrix(
+        (np.ones(len(rows), np.int8), (rows, columns)), shape=(triangles.size,) * 2
+    )
+    count, part = csgraph.connected_components(links, directed=False)
+    vertex_of = np.zeros(count, np.int64)
+    vertex_of[part] = triangles.reshape(-1)
+    return int(count), part, vertex_of
+
+
 def _neighbours_at(
     vertices: Vertices, triangles: Triangles, edges: Indices
 ) -> list[tuple[int, int]]:
-    """Pairs of triangles with material between them, among those that meet in one edge (indices into 3 m edges)."""
+    """Pairs of edges (of 3 m) with material between their triangles, among those that lie on each other."""
     faces, side = edges // 3, edges % 3
     tail, head = triangles[faces, side], triangles[faces, (side + 1) % 3]
     tip = triangles[faces, (side + 2) % 3]
     forward = tail < head
     axis = vertices[max(tail[0], head[0])] - vertices[min(tail[0], head[0])]
-    axis = axis / np.linalg.norm(axis)
+    axis = axis / max(float(np.linalg.norm(axis)), TINY)
     out = vertices[tip] - vertices[tail]
     out = out - np.outer(out @ axis, axis)
     length = np.linalg.norm(out, axis=1)
-    first = out[np.argmax(length)] / length.max()
+    first = out[np.argmax(length)] / max(float(length.max()), TINY)
     angle = np.arctan2(out @ np.cross(axis, first), out @ first)
     # Material lies on the falling side of a forward triangle. On that way forward and backward ones nest as brackets
     # do, those that lie on each other first the backward one: nothing lies between them.
@@ -208,9 +237,9 @@ def _neighbours_at(
     pairs, opened = [], []
     for i in np.roll(order, -int(np.argmin(depth)) - 1).tolist():
         if forward[i]:
-            opened.append(int(faces[i]))
+            opened.append(int(edges[i]))
         elif opened:
-            pairs.append((opened.pop(), int(faces[i])))
+            pairs.append((opened.pop(), int(edges[i])))
     return pairs
 
 

@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+static const double FOLDED = 3.14; /* rad from which two faces lie on each other's back */
+
 typedef struct {
     uint64_t key; /* smaller vertex in the high half, larger in the low half */
     int32_t triangle, side;
@@ -76,8 +78,14 @@ static int has_face(const crb_mesh *m, int32_t t) { return dot(m->face[t], m->fa
 static double edge_angle(const crb_mesh *m, int32_t t, int k, int *convex) {
     int32_t o = m->neighbour[3 * (int64_t)t + k];
     vec a = m->face[t], b = m->face[o], along = sub(corner_at(m, t, k + 1), corner_at(m, t, k));
-    *convex = dot(cross(a, b), along) > 0.0;
-    return atan2(norm(cross(a, b)), dot(a, b));
+    vec turn = cross(a, b);
+    double angle = atan2(norm(turn), dot(a, b));
+    if (angle >
+        FOLDED) { /* the rim of a foil, thinner than rounding, belongs to one side of it: only its own normal tells */
+        turn = cross(m->normal[t], m->normal[o]);
+    }
+    *convex = dot(turn, along) > 0.0;
+    return angle;
 }
 
 typedef struct {
