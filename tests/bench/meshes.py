@@ -50,7 +50,7 @@ WITHIN = {"noise": 1e-3, "decimated": 6e-2, "holes": 2e-2}
 """Share of the diagonal that a damage moves the surface by, at most; 1e-5 for the others."""
 ADDED = {"pushed"}
 """Damages that add material: points inside the clean part still have to be inside."""
-COSTS = ("triangles", "cpu_s", "memory_MiB", "image_MiB", "error_um", "samples")
+COSTS = ("triangles", "wall_s", "memory_MiB", "image_MiB", "error_um", "samples")
 OFF = ("moved_p99_mm", "force_off_rms_mm", "force_off_p99_mm")
 HEAD = """# Meshes of machine parts, clean and spoiled
 
@@ -58,7 +58,7 @@ HEAD = """# Meshes of machine parts, clean and spoiled
 
 Twelve parts as they are and spoiled in nine ways (`meshes/parts.py`), baked at default settings with a ball of 30 mm.
 Of {count} meshes {accepted} are accepted, {wrong} have a point on the wrong side of the surface, of 20,000 each (judge:
-libigl's winding number of the clean part). Seconds are of the processor, reading and checking included.
+libigl's winding number of the clean part). Seconds are of the clock on two cores, reading and checking included.
 
 | part | triangles | s | memory, MiB | image, MiB | distance error, um | samples |
 |---|---|---|---|---|---|---|
