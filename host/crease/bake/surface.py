@@ -207,16 +207,19 @@ def flatten(surface: Surface, within_m: float) -> Surface:
     patches, of = surface.counts["patches"], surface.patch_of
     corners = surface.mesh.vertices_m[surface.mesh.triangles]
     area_m2 = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sums = [np.bincount(of, area_m2[:, k], patches) for k in range(3)]
-    normal = np.stack(sums, axis=1) / np.maximum(np.linalg.norm(sums, axis=0), 1e-300)[:, None]
+    sums = np.stack([np.bincount(of, area_m2[:, k], patches) for k in range(3)], axis=1)
+    length_m2 = np.linalg.norm(sums, axis=1)
+    normal = sums / np.maximum(length_m2, 1e-300)[:, None]
     height_m = (corners * normal[of, None]).sum(axis=2)
-    weight = np.linalg.norm(area_m2, axis=1)
-    middle_m = np.bincount(of, weight * height_m.mean(axis=1), patches)
-    middle_m /= np.maximum(np.bincount(of, weight, patches), 1e-300)
+    weight_m2 = np.linalg.norm(area_m2, axis=1)
+    total_m2 = np.bincount(of, weight_m2, patches)
+    middle_m = np.bincount(of, weight_m2 * height_m.mean(axis=1), patches)
+    middle_m /= np.maximum(total_m2, 1e-300)
     off_m = np.zeros(patches)
     np.maximum.at(off_m, of, np.abs(height_m - middle_m[of, None]).max(axis=1))
     patch = surface.facet_patch
-    flat = (np.bincount(patch, minlength=patches) > 1) & (off_m < within_m)
+    one_sided = length_m2 > 0.5 * total_m2  # a lens has two, however thin it is
+    flat = (np.bincount(patch, minlength=patches) > 1) & (off_m < within_m) & one_sided
     if not flat.any():
         return surface
     first = np.full(patches, len(patch))

@@ -7,7 +7,9 @@ What is seen and done, in this order:
 - plane or nearly plane holes of at most HOLE_AREA_SHARE of the surface are capped;
 - what is still open is sewn with more reach, edges take in vertices that lie on them, and every opening of a piece of
   surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
-- slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, which moves no surface further than that;
+- shells without thickness beside others are left out: folds, walls between solids that touch;
+- slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, or one by one where it refuses or moves the
+  surface further than that (crease.mesh.slivers);
 - vertices of a closed surface that lie on each other are welded where some of its triangles part nothing:
   it passes through itself there, along edges;
 - shells that are inside out are turned; one that lies inside another as a cavity stays;
@@ -460,6 +462,8 @@ def _collapse_new_slivers(draft: Draft) -> None:
 
 
 def _change(before: float, after: float) -> str:
+    if abs(after) > 1e3 * abs(before):
+        return "all"
     percent = 100.0 * (after - before) / max(abs(before), 1e-300)
     digits = ".0f" if abs(percent) >= 99.5 else ".2g"
     return f"{percent:+{digits}} %" if abs(percent) >= 1e-3 else "0 %"
