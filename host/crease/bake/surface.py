@@ -24,12 +24,20 @@ I32 = npt.NDArray[np.int32]
 
 THREADS = 2
 _CHUNK = 16384
+ROUNDING = 4e-7
+"""Of places in single precision, as a share of the largest: what is thinner has no face of its own."""
 SHARED = 0.5
 """Border of narrow patches with each other, as a share of that with others, from which on they are one: 0.87 of the
 sides of a pyramid, 0.04 of the chamfers of a cube 40 times as wide."""
+ONE_SIDED = 0.95
+"""How much of the area of a patch faces the way of its mean normal, if it is a plane: 0.71 of a chamfer of 45 degrees round
+a disc or a hole, 0.9998 of a face whose triangles are off by one degree."""
+ALONG = 0.5
+"""Mean cosine of the angles round an isle from which on it faces the way of what is round it: the end of a pin and its
+side, at 0, are two ways out."""
 ISLAND = 2.0 / 3.0
 """Share of its border from which on a narrow patch is part of what it borders there: a chamfer has half of it on either
-side, one round a hole as wide as itself two thirds."""
+side, one round a hole as wide as its radius two thirds."""
 SLENDER = 0.05
 """Width of an isle by its border below which it is a piece of a bevel or crest, which parts what lies on either side of
 it: 0.096 of a triangle with equal sides, 0.03 of those on the crest of a thread."""
@@ -141,9 +149,12 @@ class Surface:
 
 def plane_tolerance_m(mesh: Mesh) -> float:
     """How far vertices of one planar facet may lie from its plane: rounding of single-precision files."""
-    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0)))
-    reach = float(np.abs(mesh.vertices_m).max())
-    return 4e-7 * max(diagonal, reach)
+    return ROUNDING * max(mesh_diagonal_m(mesh), float(np.abs(mesh.vertices_m).max()))
+
+
+def mesh_diagonal_m(mesh: Mesh) -> float:
+    """The diagonal of a mesh's box."""
+    return float(np.linalg.norm(np.ptp(mesh.vertices_m, axis=0)))
 
 
 def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
@@ -157,6 +168,7 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
         len(triangles),
         math.radians(crease_angle_deg),
         plane_tolerance_m(mesh),
+        ROUNDING * mesh_diagonal_m(mesh),
     )
     if raw == ffi.NULL:
         raise MeshError(f"{mesh.source}: not enough memory for {len(triangles):,} triangles")
@@ -218,7 +230,7 @@ def flatten(surface: Surface, within_m: float) -> Surface:
     off_m = np.zeros(patches)
     np.maximum.at(off_m, of, np.abs(height_m - middle_m[of, None]).max(axis=1))
     patch = surface.facet_patch
-    one_sided = length_m2 > 0.5 * total_m2  # a lens has two, however thin it is
+    one_sided = length_m2 > ONE_SIDED * total_m2
     flat = (np.bincount(patch, minlength=patches) > 1) & (off_m < within_m) & one_sided
     if not flat.any():
         return surface
@@ -248,15 +260,15 @@ def join_narrow(surface: Surface, least_m: float) -> Surface:
     either side, stays.
     """
     creases = surface.creases
-    length_m = np.linalg.norm(creases.ends_m[:, 1] - creases.ends_m[:, 0], axis=1)
     area_m2 = np.bincount(surface.facet_patch, surface.facet_area_m2, surface.counts["patches"])
-    borders = _Borders(creases.patch, length_m, area_m2, least_m)
-    joined = borders.alike()
+    borders = _Borders(creases, area_m2, least_m)
+    alike = joined = borders.alike()
     while (found := borders.with_islands(joined)).max() < joined.max():
         joined = found
     ends = joined[creases.patch]
     own = creases.patch[:, 0] == creases.patch[:, 1]
-    outside = (ends[:, 0] != ends[:, 1]) | own & ~borders.narrow[creases.patch[:, 0]]
+    alone = np.bincount(alike)[alike[creases.patch[:, 0]]] == 1
+    outside = (ends[:, 0] != ends[:, 1]) | (own & alone)
     counts = surface.counts | {
         "patches": int(joined.max()) + 1,
         "smooth_edges": surface.counts["smooth_edges"] + int(np.count_nonzero(~outside)),
@@ -279,12 +291,14 @@ def join_narrow(surface: Surface, least_m: float) -> Surface:
 
 
 class _Borders:
-    """Creases between patches (n, 2), how long they are (n,), areas of patches: which are narrower than least_m?"""
+    """How long the patches of a surface border each other, and which of them are narrower than least_m."""
 
-    def __init__(self, pairs: I32, length_m: F64, area_m2: F64, least_m: float) -> None:
-        self._pairs, self._area_m2, self._least_m = pairs, area_m2, least_m
-        self._length_m = np.where(pairs[:, 0] == pairs[:, 1], 0.0, length_m)
-        self._border_m = sum(np.bincount(side, self._length_m, len(area_m2)) for side in pairs.T)
+    def __init__(self, creases: Creases, area_m2: F64, least_m: float) -> None:
+        self._pairs, self._angle_rad = creases.patch, creases.angle_rad
+        self._area_m2, self._least_m = area_m2, least_m
+        length_m = np.linalg.norm(creases.ends_m[:, 1] - creases.ends_m[:, 0], axis=1)
+        self._length_m = np.where(self._pairs[:, 0] == self._pairs[:, 1], 0.0, length_m)
+        self._border_m = sum(np.bincount(p, self._length_m, len(area_m2)) for p in self._pairs.T)
         self.narrow = 2.0 * area_m2 < least_m * self._border_m
 
     def alike(self) -> I32:
@@ -302,11 +316,13 @@ class _Borders:
         pairs = np.sort(joined[self._pairs], axis=1)
         apart = pairs[:, 0] != pairs[:, 1]
         area_m2 = np.bincount(joined, self._area_m2)
-        keys, of = np.unique(pairs[apart], axis=0, return_inverse=True)
-        shared_m = np.bincount(of.reshape(-1), self._length_m[apart], len(keys))
-        border_m = sum(np.bincount(side, shared_m, len(area_m2)) for side in keys.T)
+        border_m = sum(np.bincount(p, self._length_m[apart], len(area_m2)) for p in pairs[apart].T)
         isle = (2.0 * area_m2 < self._least_m * border_m) & (2.0 * area_m2 > SLENDER * border_m**2)
-        inside = [isle[side] & (shared_m > ISLAND * border_m[side]) for side in keys.T]
+        keys, of = np.unique(pairs[apart], axis=0, return_inverse=True)
+        length_m, cosine = self._length_m[apart], np.cos(self._angle_rad[apart])
+        shared_m = np.bincount(of.reshape(-1), length_m, len(keys))
+        along = np.bincount(of.reshape(-1), length_m * cosine, len(keys)) > ALONG * shared_m
+        inside = [isle[p] & along & (shared_m > ISLAND * border_m[p]) for p in keys.T]
         return _connected(keys[inside[0] | inside[1]], len(area_m2))[1][joined]
 
 

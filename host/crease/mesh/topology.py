@@ -192,8 +192,8 @@ def solid_edges(vertices: Vertices, triangles: Triangles) -> tuple[Indices, Indi
 def parted(vertices: Vertices, triangles: Triangles) -> tuple[Vertices, Triangles]:
     """The same closed mesh with a vertex for each part where it touches itself: all edges have two triangles."""
     one, two = solid_edges(vertices, triangles)
-    count, part, vertex_of = _corner_parts(triangles, one, two)
-    if count == len(vertices):
+    _, part, vertex_of = _corner_parts(triangles, one, two)
+    if np.bincount(vertex_of).max() == 1:
         return vertices, triangles
     return vertices[vertex_of], part.reshape(-1, 3).astype(np.int32)
 

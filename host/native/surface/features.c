@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double FOLDED = 3.14; /* rad from which two faces lie on each other's back */
-
 typedef struct {
     uint64_t key; /* smaller vertex in the high half, larger in the low half */
     int32_t triangle, side;
@@ -78,14 +76,8 @@ static int has_face(const crb_mesh *m, int32_t t) { return dot(m->face[t], m->fa
 static double edge_angle(const crb_mesh *m, int32_t t, int k, int *convex) {
     int32_t o = m->neighbour[3 * (int64_t)t + k];
     vec a = m->face[t], b = m->face[o], along = sub(corner_at(m, t, k + 1), corner_at(m, t, k));
-    vec turn = cross(a, b);
-    double angle = atan2(norm(turn), dot(a, b));
-    if (angle >
-        FOLDED) { /* the rim of a foil, thinner than rounding, belongs to one side of it: only its own normal tells */
-        turn = cross(m->normal[t], m->normal[o]);
-    }
-    *convex = dot(turn, along) > 0.0;
-    return angle;
+    *convex = dot(cross(a, b), along) > 0.0;
+    return atan2(norm(cross(a, b)), dot(a, b));
 }
 
 typedef struct {
@@ -111,23 +103,20 @@ static int lies_in_plane(const crb_mesh *m, int32_t t, vec n, double offset, dou
 }
 
 /* Grow the set of label from seed: across edges of less than smooth_angle, or, where that is 0, as far as its plane goes. What
- * is no longer than plane_tolerance is a point, no edge. */
+ * is no longer than point is no edge. */
 static int64_t flood(crb_mesh *m, int32_t seed, int32_t label, int32_t *label_of, int32_t *queue,
-                     double plane_tolerance, double smooth_angle) {
+                     double plane_tolerance, double point, double smooth_angle) {
     int64_t head = 0, tail = 0;
-    vec n = m->normal[seed];
+    vec n = m->face[seed];
     double offset = dot(n, corner_at(m, seed, 0));
     queue[tail++] = seed;
     label_of[seed] = label;
-    if (!has_face(m, seed)) {
-        m->face[seed] = n;
-    }
     while (head < tail) {
         int32_t t = queue[head++];
         for (int k = 0; k < 3; k++) {
             int32_t o = m->neighbour[3 * (int64_t)t + k];
             int convex;
-            if (o < 0 || label_of[o] >= 0 || edge_length(m, t, k) <= plane_tolerance) {
+            if (o < 0 || label_of[o] >= 0 || edge_length(m, t, k) <= point) {
                 continue;
             }
             int ok = smooth_angle > 0.0 ? !has_face(m, o) || edge_angle(m, t, k, &convex) < smooth_angle
@@ -144,7 +133,7 @@ static int64_t flood(crb_mesh *m, int32_t seed, int32_t label, int32_t *label_of
     return tail;
 }
 
-static int find_facets(crb_mesh *m, double plane_tolerance) {
+static int find_facets(crb_mesh *m, double plane_tolerance, double thin) {
     int64_t n = m->triangle_count;
     int32_t *queue = malloc((size_t)n * sizeof *queue);
     flood_seed *seeds = malloc((size_t)n * sizeof *seeds);
@@ -154,17 +143,24 @@ static int find_facets(crb_mesh *m, double plane_tolerance) {
         return 0;
     }
     for (int32_t t = 0; t < n; t++) {
-        seeds[t] = (flood_seed){m->area[t], t};
+        seeds[t] = (flood_seed){has_face(m, t) ? m->area[t] : -1.0, t};
         m->facet_of[t] = m->patch_of[t] = -1;
     }
     qsort(seeds, (size_t)n, sizeof *seeds, by_area);
     for (int64_t i = 0; i < n; i++) {
         int32_t seed = seeds[i].triangle;
+        if (seeds[i].area < 0.0) { /* what no face has reached has but its own normal, and so has all that is left */
+            for (int64_t k = i; k < n; k++) {
+                m->face[seeds[k].triangle] =
+                    has_face(m, seeds[k].triangle) ? m->face[seeds[k].triangle] : m->normal[seeds[k].triangle];
+                seeds[k].area = 0.0;
+            }
+        }
         if (m->facet_of[seed] < 0) {
-            flood(m, seed, m->facet_count++, m->facet_of, queue, plane_tolerance, 0.0);
+            flood(m, seed, m->facet_count++, m->facet_of, queue, plane_tolerance, thin, 0.0);
         }
         if (m->patch_of[seed] < 0) {
-            flood(m, seed, m->patch_count++, m->patch_of, queue, plane_tolerance, m->crease_angle);
+            flood(m, seed, m->patch_count++, m->patch_of, queue, plane_tolerance, thin, m->crease_angle);
         }
     }
     free(queue);
@@ -223,9 +219,9 @@ static void count_edges(crb_mesh *m) {
     }
 }
 
-int crb_find_features(crb_mesh *m, double plane_tolerance_m) {
-    find_normals(m, plane_tolerance_m);
-    if (!find_neighbours(m) || !find_facets(m, plane_tolerance_m)) {
+int crb_find_features(crb_mesh *m, double plane_tolerance_m, double thin_m) {
+    find_normals(m, thin_m);
+    if (!find_neighbours(m) || !find_facets(m, plane_tolerance_m, thin_m)) {
         return 0;
     }
     fit_planes(m);

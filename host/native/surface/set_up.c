@@ -41,7 +41,7 @@ static int allocate(crb_mesh *m, int64_t nv, int64_t nt) {
 }
 
 crb_mesh *crb_mesh_new(const double *vertices_m, int64_t nv, const int32_t *triangles, int64_t nt,
-                       double crease_angle_rad, double plane_tolerance_m) {
+                       double crease_angle_rad, double plane_tolerance_m, double thin_m) {
     crb_mesh *m = nv > 0 && nt > 0 && nt < INT32_MAX / 3 ? calloc(1, sizeof *m) : NULL;
     if (m == NULL || !allocate(m, nv, nt)) {
         crb_mesh_free(m);
@@ -60,7 +60,7 @@ crb_mesh *crb_mesh_new(const double *vertices_m, int64_t nv, const int32_t *tria
         }
         m->triangles[i] = triangles[i];
     }
-    if (!crb_find_features(m, plane_tolerance_m) || !crb_build_trees(m)) {
+    if (!crb_find_features(m, plane_tolerance_m, thin_m) || !crb_build_trees(m)) {
         crb_mesh_free(m);
         return NULL;
     }
