@@ -83,7 +83,8 @@ def test_a_sliver_belongs_to_the_face_beside_it() -> None:
         1.0,
     )
     mesh: Mesh = replace(plain, vertices_m=vertices, triangles=triangles)
-    normal = np.cross(*(vertices[triangles[:, k]] - vertices[triangles[:, 0]] for k in (1, 2)))
+    one, two = (vertices[triangles[:, k]] - vertices[triangles[:, 0]] for k in (1, 2))
+    normal = np.cross(one, two)
     askew = np.abs(normal).max(axis=1) < 0.9 * np.linalg.norm(normal, axis=1)
     assert askew.any()
     surface = make_surface(mesh, 30.0)
@@ -229,7 +230,12 @@ def test_solids_that_share_an_edge_are_parted_whatever_else_is_in_the_file(unuse
 def test_shells_of_a_clean_part_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
     shells = topology.shells
-    monkeypatch.setattr(topology, "shells", lambda *a: asked.append(1) or shells(*a))
+
+    def counted(vertices: Floats, triangles: NDArray[np.int32]) -> tuple[int, NDArray[np.int32]]:
+        asked.append(1)
+        return shells(vertices, triangles)
+
+    monkeypatch.setattr(topology, "shells", counted)
     cube = trimesh.creation.box([0.02] * 3)
     make_mesh(cube.vertices, cube.faces)
     assert len(asked) == 1

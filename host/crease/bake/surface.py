@@ -30,8 +30,8 @@ SHARED = 0.5
 """Border of narrow patches with each other, as a share of that with others, from which on they are one: 0.87 of the
 sides of a pyramid, 0.04 of the chamfers of a cube 40 times as wide."""
 ONE_SIDED = 0.95
-"""How much of the area of a patch faces the way of its mean normal, if it is a plane: 0.71 of a chamfer of 45 degrees round
-a disc or a hole, 0.9998 of a face whose triangles are off by one degree."""
+"""How much of the area of a patch faces the way of its mean normal, if it is a plane: 0.71 of a chamfer of 45 degrees
+round a disc or a hole, 0.9998 of a face whose triangles are off by one degree."""
 ALONG = 0.5
 """Mean cosine of the angles round an isle from which on it faces the way of what is round it: the end of a pin and its
 side, at 0, are two ways out."""
@@ -215,17 +215,17 @@ def make_surface(mesh: Mesh, crease_angle_deg: float) -> Surface:
 
 
 def flatten(surface: Surface, within_m: float) -> Surface:
-    """The same, each patch that lies within within_m of one plane being one facet: the noise of a flat face is no shape."""
+    """The same, each patch within within_m of one plane being one facet: the noise of a flat face is no shape."""
     patches, of = surface.counts["patches"], surface.patch_of
     corners = surface.mesh.vertices_m[surface.mesh.triangles]
     area_m2 = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sums = np.stack([np.bincount(of, area_m2[:, k], patches) for k in range(3)], axis=1)
+    sums = np.stack([_sums(of, area_m2[:, k], patches) for k in range(3)], axis=1)
     length_m2 = np.linalg.norm(sums, axis=1)
     normal = sums / np.maximum(length_m2, 1e-300)[:, None]
     height_m = (corners * normal[of, None]).sum(axis=2)
     weight_m2 = np.linalg.norm(area_m2, axis=1)
-    total_m2 = np.bincount(of, weight_m2, patches)
-    middle_m = np.bincount(of, weight_m2 * height_m.mean(axis=1), patches)
+    total_m2 = _sums(of, weight_m2, patches)
+    middle_m = _sums(of, weight_m2 * height_m.mean(axis=1), patches)
     middle_m /= np.maximum(total_m2, 1e-300)
     off_m = np.zeros(patches)
     np.maximum.at(off_m, of, np.abs(height_m - middle_m[of, None]).max(axis=1))
@@ -247,12 +247,12 @@ def flatten(surface: Surface, within_m: float) -> Surface:
         facet_of=facet[surface.facet_of].astype(np.int32),
         facet_plane=plane,
         facet_patch=patch[kept],
-        facet_area_m2=np.bincount(facet, surface.facet_area_m2),
+        facet_area_m2=_sums(facet, surface.facet_area_m2, len(kept)),
     )
 
 
 def join_narrow(surface: Surface, least_m: float) -> Surface:
-    """The same, patches narrower than least_m being one with their like, or with what they lie in, whatever their angles.
+    """The same, patches narrower than least_m being one with their like, or with what they lie in.
 
     How wide a patch is: twice its area by its border. What is narrower than the samples of a tool are apart has no
     sides for it: those that border each other more than others are one, and one that borders another by ISLAND of its
@@ -260,7 +260,7 @@ def join_narrow(surface: Surface, least_m: float) -> Surface:
     either side, stays.
     """
     creases = surface.creases
-    area_m2 = np.bincount(surface.facet_patch, surface.facet_area_m2, surface.counts["patches"])
+    area_m2 = _sums(surface.facet_patch, surface.facet_area_m2, surface.counts["patches"])
     borders = _Borders(creases, area_m2, least_m)
     alike = joined = borders.alike()
     while (found := borders.with_islands(joined)).max() < joined.max():
@@ -298,7 +298,7 @@ class _Borders:
         self._area_m2, self._least_m = area_m2, least_m
         length_m = np.linalg.norm(creases.ends_m[:, 1] - creases.ends_m[:, 0], axis=1)
         self._length_m = np.where(self._pairs[:, 0] == self._pairs[:, 1], 0.0, length_m)
-        self._border_m = sum(np.bincount(p, self._length_m, len(area_m2)) for p in self._pairs.T)
+        self._border_m = _sums(self._pairs.T, self._length_m, len(area_m2))
         self.narrow = 2.0 * area_m2 < least_m * self._border_m
 
     def alike(self) -> I32:
@@ -306,8 +306,8 @@ class _Borders:
         first, second = self._pairs.T
         inside = self.narrow[first] & self.narrow[second]
         sets, found = _connected(self._pairs[inside], len(self.narrow))
-        shared_m = np.bincount(found[first[inside]], self._length_m[inside], sets)
-        others_m = np.bincount(found, self._border_m, sets) - 2.0 * shared_m
+        shared_m = _sums(found[first[inside]], self._length_m[inside], sets)
+        others_m = _sums(found, self._border_m, sets) - 2.0 * shared_m
         inside &= (shared_m > SHARED * others_m)[found[first]]
         return _connected(self._pairs[inside], len(self.narrow))[1]
 
@@ -315,15 +315,16 @@ class _Borders:
         """The patches that are `joined` already, narrow ones being one with what they lie in."""
         pairs = np.sort(joined[self._pairs], axis=1)
         apart = pairs[:, 0] != pairs[:, 1]
-        area_m2 = np.bincount(joined, self._area_m2)
-        border_m = sum(np.bincount(p, self._length_m[apart], len(area_m2)) for p in pairs[apart].T)
+        count = int(joined.max()) + 1
+        area_m2 = _sums(joined, self._area_m2, count)
+        border_m = _sums(pairs[apart].T, self._length_m[apart], count)
         isle = (2.0 * area_m2 < self._least_m * border_m) & (2.0 * area_m2 > SLENDER * border_m**2)
         keys, of = np.unique(pairs[apart], axis=0, return_inverse=True)
         length_m, cosine = self._length_m[apart], np.cos(self._angle_rad[apart])
-        shared_m = np.bincount(of.reshape(-1), length_m, len(keys))
-        along = np.bincount(of.reshape(-1), length_m * cosine, len(keys)) > ALONG * shared_m
+        shared_m = _sums(of.reshape(-1), length_m, len(keys))
+        along = _sums(of.reshape(-1), length_m * cosine, len(keys)) > ALONG * shared_m
         inside = [isle[p] & along & (shared_m > ISLAND * border_m[p]) for p in keys.T]
-        return _connected(keys[inside[0] | inside[1]], len(area_m2))[1][joined]
+        return _connected(keys[inside[0] | inside[1]], count)[1][joined]
 
 
 def _patches_of_narrow_facets(surface: Surface, least_m: float) -> npt.NDArray[np.bool_]:
@@ -347,3 +348,9 @@ def _connected(pairs: I32, count: int) -> tuple[int, I32]:
     beside = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
     sets, found = csgraph.connected_components(beside, directed=False)
     return int(sets), found.astype(np.int32)
+
+
+def _sums(of: npt.NDArray[Any], values: F64, count: int) -> F64:
+    """Sums of values (n,) by what each is of, (n,), or both of (2, n): (count,)."""
+    rows = [np.bincount(row, values, count) for row in np.atleast_2d(of)]
+    return np.asarray(np.sum(rows, axis=0), np.float64)

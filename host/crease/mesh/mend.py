@@ -8,15 +8,15 @@ What is seen and done, in this order:
 - what is still open is sewn with more reach, edges take in vertices that lie on them, and every opening of a piece of
   surface that encloses something is capped; pieces that enclose nothing are sheets: made thick, left out, or refused;
 - shells without thickness beside others are left out, here and after uniting and cutting: folds;
-- slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, unless that moves the surface further, and
-  what it leaves one by one (crease.mesh.slivers);
+- slivers (altitude below SLIVER of the diagonal) are collapsed by manifold3d, unless that moves the surface further,
+  and what it leaves one by one (crease.mesh.slivers);
 - vertices of a closed surface that lie on each other are welded where some of its triangles part nothing:
   it passes through itself there, along edges;
 - shells that are inside out are turned; one that lies inside another as a cavity stays;
 - shells that meet or overlap are united by manifold3d;
 - a surface that still passes through itself, or has inner faces, is cut along these lines, and what parts inside from
-  outside by the winding number is kept (crease.mesh.arrange); cracks, walls and slivers that are left are closed, dropped
-  and collapsed.
+  outside by the winding number is kept (crease.mesh.arrange); cracks, walls and slivers that are left are closed,
+  dropped and collapsed.
 Not seen: overlaps of parts of one shell inside one plane.
 """
 
