@@ -109,7 +109,7 @@ def skin(filled: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
             corners.append(np.stack([at, at + u, at + u + w, at + w][::sense], axis=1))
     quads = np.concatenate(corners)
     faces = (4 * np.arange(len(quads))[:, None, None] + [(0, 1, 2), (0, 2, 3)]).reshape(-1, 3)
-    return quads.reshape(-1, 3), faces
+    return quads.reshape(-1, 3).astype(np.float64), np.asarray(faces, np.int64)
 
 
 def wrong_voxels(surface: Surface, filled: NDArray[np.bool_], first: float = 0.0) -> int:

@@ -160,6 +160,6 @@ def draw_time(records: Sequence[Record]) -> Figure:
         axes.set_xlabel("time of a tick in contact, us (median scene; libraries: of a query)")
         axes.set_ylabel("scenes and properties kept, %")
         axes.set_title(
-            f"Run time against properties: up and left is better ({machine()})", fontsize=10
+            f"Run time against properties: up and left is better\n{machine()}", fontsize=10
         )
     return figure
