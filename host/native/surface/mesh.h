@@ -58,7 +58,7 @@ static inline vec corner_at(const crb_mesh *m, int32_t t, int k) { return m->ver
 
 /* Each fills in its own part of a mesh. Output  0: out of memory. */
 int crb_find_features(crb_mesh *m, double plane_tolerance_m, double thin_m); /* features.c */
-int crb_build_trees(crb_mesh *m);                             /* trees.c */
+int crb_build_trees(crb_mesh *m);                                            /* trees.c */
 
 /* Signed distance at p; slot: in, where the search starts; out, of the nearest triangle. nearest.c */
 double crb_distance_at(const crb_mesh *m, vec p, int32_t *slot);
