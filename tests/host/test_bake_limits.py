@@ -323,7 +323,7 @@ def test_kinds_of_cells_are_merged_until_they_fit(
     ball = trimesh.creation.icosphere(4, radius=20.0)
     shake = np.random.default_rng(3).normal(0.0, 0.25, ball.vertices.shape)
     mesh = make_mesh(ball.vertices + shake, ball.faces, 1e-3, source="noisy")
-    options = BakeOptions(voxel_m=4e-3, spacing_m=3e-3)
+    options = BakeOptions(voxel_m=4e-3, spacing_m=1e-3)
     free = bake_scene(mesh, mesh, options)
     for module in ("kinds", "voxmap"):
         monkeypatch.setattr(f"crease.bake.{module}.KINDS_MAX", most)
