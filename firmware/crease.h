@@ -219,7 +219,8 @@ void cr_world_clear_fault(cr_world *world);
  * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
  * Late     an answer that needs more work than lookups_max is found over several ticks, at the pose it began with. Meanwhile
  *          the last areas are answered: their planes stay, their points move with the tool, zones are not reported. An answer
- *          that is n > 1 ticks old then rises over n, in equal parts, and what was felt before falls, as one area.
+ *          that is n > 1 ticks old then rises over n, in equal parts, and what was felt before falls; after one of more than six
+ *          half-spaces the next comes at once.
  * Errors   none: see faults and stats.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);

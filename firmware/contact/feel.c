@@ -46,7 +46,7 @@ static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world,
     if (!w->has_previous) {
         return v3(0.0f, 0.0f, 0.0f);
     }
-    xform before = cr_place_of(&w->previous);
+    xform before = xform_from_pose(&w->previous);
     cr_vec3 p_tool = xform_unrotate(now, v3_sub(p_world, now->t));
     return v3_scale(v3_sub(p_world, xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
 }
@@ -159,7 +159,7 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
     out->faults = w->faults;
 }
 
-void cr_drop_hand(cr_world *w) { w->hand.count = w->falls = w->in_hand = 0u; }
+void cr_drop_hand(cr_world *w) { w->hand.count = w->behind.count = w->in_hand = 0u; }
 
 /* Contact found for poses before this one is not this one's. */
 static void forget_contact(cr_world *w) {
@@ -174,51 +174,32 @@ static float share_of_hand(const cr_world *w, uint32_t stamp) {
     return risen < rises ? (float)risen / (float)rises : 1.0f;
 }
 
-/* Behind the plane of a half-space that was found earlier, m, at this pose; no more than 0 outside. */
-static float depth_held(const cr_held *h, const xform *now, cr_vec3 *point_world_m) {
-    *point_world_m = xform_point(now, h->point_tool_m);
-    return h->offset_m - v3_dot(h->normal_world, *point_world_m);
+static void put_behind(cr_behind *behind, const cr_held *held, float share) {
+    behind->held[behind->count] = *held;
+    behind->share[behind->count++] = share;
 }
 
-/* The half-spaces that are felt, from the one that falls on, where there is one, and how much of each. */
-static const cr_held *held_at(const cr_world *w, uint32_t i, float *share) {
-    if (i < w->falls) {
-        *share = 1.0f - *share;
-        return &w->behind;
-    }
-    return &w->hand.held[i - w->falls];
-}
-
-/* What was felt last falls from now on, as one half-space: how far it pushes in sum, at the mean of its points by how much each pushes. */
+/* What was felt last falls from now on: the contact in hand, and what was falling behind it. Where there is no room for both, the contact in hand falls as if
+ * all of it had been felt: the shares are one in sum, and a tool at rest feels no dip. */
 static void move_behind(cr_world *w) {
-    const xform now = cr_place_of(&w->felt.pose);
-    const float risen = share_of_hand(w, w->felt.stamp - 1u);
-    cr_vec3 way_m = v3(0.0f, 0.0f, 0.0f), point_m2 = way_m;
-    float pushed_m = 0.0f, area_m2 = 0.0f;
-    for (uint32_t i = 0; i < w->in_hand; i++) {
-        float share = risen;
-        cr_vec3 p;
-        const cr_held *h = held_at(w, i, &share);
-        const float depth_m = share * max_f(0.0f, depth_held(h, &now, &p));
-        way_m = v3_mad(way_m, h->normal_world, depth_m);
-        point_m2 = v3_mad(point_m2, p, depth_m);
-        pushed_m += depth_m;
-        area_m2 = max_f(area_m2, h->area_m2);
+    const cr_behind before = w->behind;
+    const int both = w->hand.count + before.count <= CR_BEHIND_MAX;
+    const float share = both ? share_of_hand(w, w->felt.stamp - 1u) : 1.0f;
+    w->behind.count = 0u;
+    for (uint32_t i = 0; i < w->hand.count; i++) {
+        put_behind(&w->behind, &w->hand.held[i], share);
     }
-    const float far_m = v3_norm(way_m);
-    w->falls = far_m > 0.0f;
-    if (w->falls != 0u) {
-        const cr_vec3 n = v3_scale(way_m, 1.0f / far_m), p = v3_scale(point_m2, 1.0f / pushed_m);
-        w->behind = (cr_held){n, xform_unrotate(&now, v3_sub(p, now.t)), v3_dot(n, p) + far_m, area_m2};
+    for (uint32_t i = 0; i < before.count && share < 1.0f; i++) {
+        put_behind(&w->behind, &before.held[i], before.share[i] * (1.0f - share));
     }
 }
 
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
-    const int rises = w->felt.stamp - answer->stamp > 1u;
+    const int rises = w->felt.stamp - answer->stamp > 1u && w->hand.count <= CR_BEHIND_MAX;
     if (rises) {
         move_behind(w);
     } else {
-        w->falls = 0u;
+        w->behind.count = 0u;
     }
     w->taken = rises ? w->felt.stamp : answer->stamp;
     w->hand.stamp = answer->stamp;
@@ -226,7 +207,7 @@ void cr_take_hand(cr_world *w, const cr_hand *answer) {
     if (answer->count > 0u) {
         memcpy(w->hand.held, answer->held, answer->count * sizeof *answer->held);
     }
-    w->in_hand = w->hand.count + w->falls;
+    w->in_hand = w->hand.count + w->behind.count;
 }
 
 void cr_world_clear_fault(cr_world *world) {
@@ -239,8 +220,8 @@ void cr_world_clear_fault(cr_world *world) {
  * its plane there is no area in this tick; the next one may be in it again. */
 static void push_held(const cr_world *w, const xform *now, float period_s, const cr_held *h, float share,
                       cr_output *out) {
-    cr_vec3 p;
-    const float depth_m = depth_held(h, now, &p);
+    const cr_vec3 p = xform_point(now, h->point_tool_m);
+    const float depth_m = h->offset_m - v3_dot(h->normal_world, p);
     if (depth_m <= 0.0f) {
         return;
     }
@@ -260,11 +241,12 @@ static void push_held(const cr_world *w, const xform *now, float period_s, const
 
 /* The contact in hand, and what falls behind it. */
 static void push_late(const cr_world *w, const xform *now, float period_s, cr_output *out) {
-    const float risen = share_of_hand(w, w->felt.stamp);
-    for (uint32_t i = risen < 1.0f ? 0u : w->falls; i < w->in_hand; i++) {
-        float share = risen;
-        const cr_held *h = held_at(w, i, &share);
-        push_held(w, now, period_s, h, share, out);
+    const float share = share_of_hand(w, w->felt.stamp);
+    for (uint32_t i = 0; i < w->hand.count; i++) {
+        push_held(w, now, period_s, &w->hand.held[i], share, out);
+    }
+    for (uint32_t i = 0; i < w->behind.count && share < 1.0f; i++) {
+        push_held(w, now, period_s, &w->behind.held[i], w->behind.share[i] * (1.0f - share), out);
     }
 }
 
@@ -303,7 +285,7 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 
 /* What the contact in hand does at this pose. */
 static void feel(cr_world *w, float period_s, cr_output *out) {
-    const xform now = cr_place_of(&w->felt.pose);
+    const xform now = xform_from_pose(&w->felt.pose);
     if (out->stats.late_ticks > 0u) {
         push_late(w, &now, period_s, out);
     } else {

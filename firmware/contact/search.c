@@ -76,7 +76,7 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
 #endif
         cr_motion_advance(&w->motion, &newest->pose);
     }
-    const xform at = cr_place_of(&w->motion.last);
+    const xform at = xform_from_pose(&w->motion.last);
     const cr_detect_options options = {
         .skip = w->config.skip,
         .coverage = w->config.coverage,

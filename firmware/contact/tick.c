@@ -4,8 +4,6 @@
 /* More than any answer takes. */
 #define ANSWER_WORK 0x40000000u
 
-xform cr_place_of(const cr_pose *pose) { return xform_from_pose(pose); }
-
 /* What was made at the pose that was searched at. In free space it must cost nothing. */
 static void take_made(cr_world *w) {
     if (w->made.count + w->in_hand > 0u) {

@@ -26,6 +26,17 @@ typedef struct {
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
 
+/* Half-spaces of earlier answers that are felt beside those of the newest: with more a feel exceeds its budget. An answer that follows one of more does not
+ * rise. */
+#define CR_BEHIND_MAX 6u
+
+/* What was felt before the newest contact was taken up, each with the share of it that was felt then. */
+typedef struct {
+    uint32_t count;
+    float share[CR_BEHIND_MAX];
+    cr_held held[CR_BEHIND_MAX];
+} cr_behind;
+
 #define CR_WORDS_OF(type) ((uint32_t)(sizeof(type) / sizeof(uint32_t)))
 
 struct cr_world {
@@ -39,8 +50,7 @@ struct cr_world {
     uint32_t has_previous, faults;
     cr_hand hand;     /* the newest contact, */
     uint32_t taken;   /* taken up at the feel with this stamp: it rises over as many as it is old then, */
-    cr_held behind;   /* while this falls: what was felt before, as one half-space; */
-    uint32_t falls;   /* 1: there is such a one; */
+    cr_behind behind; /* while this falls; */
     uint32_t in_hand; /* half-spaces of both */
 
     /* between them */
@@ -81,9 +91,6 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
 
 /* Purpose  search to the end at a pose that was felt: the next cr_feel takes the answer. For running a recording again.   Cost  as an answer takes. */
 void cr_answer(cr_world *w, const cr_felt *at);
-
-/* Purpose  a pose as a matrix, by a call: where it is asked for once a tick, its code need not stand. */
-xform cr_place_of(const cr_pose *pose);
 
 /* Purpose  check a pose and take it for the next to be felt.   Output  1, or 0 with a fault latched and out of no force. */
 int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out);

@@ -268,7 +268,7 @@ static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
 static void answers_that_say_the_same_change_nothing(void **state) {
     (void)state;
     const cr_pose pose = pressed(1e-3);
-    for (uint32_t count = 1u; count <= 8u; count++) {
+    for (uint32_t count = 1u; count <= CR_BEHIND_MAX + 2u; count++) {
         cr_hand answer = {.count = count};
         restart(&wall);
         cr_world *w = wall.world;
@@ -290,7 +290,7 @@ static void answers_that_say_the_same_change_nothing(void **state) {
     }
 }
 
-/* As many half-spaces in hand as there is room for, and one that falls behind them: the last in hand is not felt, and counted. */
+/* As many half-spaces in hand as there is room for, and more that fall behind them: these are not felt, and counted. */
 static void areas_beyond_room_are_counted(void **state) {
     (void)state;
     restart(&wall);
@@ -299,66 +299,22 @@ static void areas_beyond_room_are_counted(void **state) {
     const cr_held flat = {.normal_world = {0.0f, 0.0f, 1.0f}, .offset_m = (float)HALF_M};
     (void)feel(&wall, &pose);
     w->hand.count = CR_AREAS_MAX;
-    w->behind = flat;
-    w->falls = 1u;
-    w->in_hand = CR_AREAS_MAX + 1u;
+    w->behind.count = 2u;
+    w->in_hand = CR_AREAS_MAX + 2u;
     for (uint32_t i = 0; i < CR_AREAS_MAX; i++) {
         w->hand.held[i] = flat;
+    }
+    for (uint32_t i = 0; i < 2u; i++) {
+        w->behind.held[i] = flat;
+        w->behind.share[i] = 1.0f;
     }
     w->taken = w->felt.stamp;
     w->hand.stamp = w->felt.stamp - 10u; /* two tenths of it have risen at the next feel */
     const cr_output out = feel(&wall, &pose);
     assert_int_equal(out.area_count, CR_AREAS_MAX);
-    assert_int_equal(out.stats.areas_merged, 1u);
-    assert_float_equal(out.areas[0].depth_m, 0.8f * 1e-3f, ROUNDING_N / STIFFNESS_N_M);
-    assert_float_equal(out.areas[1].depth_m, 0.2f * 1e-3f, ROUNDING_N / STIFFNESS_N_M);
-    const float shares = 0.8f + 0.2f * (float)(CR_AREAS_MAX - 1u);
-    assert_float_equal(out.force_world_N.z, shares * STIFFNESS_N_M * 1e-3f, 0.1f);
-}
-
-/* Half-spaces of a hand, turned this way and that about the z axis, each depth_m deep for a tool at the wall. */
-static void put_fan(cr_hand *hand, uint32_t count, float turn, float depth_m) {
-    hand->count = count;
-    for (uint32_t i = 0; i < count; i++) {
-        const float angle = turn + 0.2f * (float)i;
-        const cr_vec3 n = {cosf(angle), sinf(angle), 0.0f}, p = {0.01f * (float)i, 0.0f, 0.0f};
-        hand->held[i] = (cr_held){n, p, v3_dot(n, p) + depth_m, 1e-6f};
-    }
-}
-
-/* However many half-spaces one answer has and the next: the force goes from this one to that one in equal steps. */
-static void an_answer_of_many_does_not_jump(void **state) {
-    (void)state;
-    const uint32_t counts[] = {1u, 6u, 7u, 11u, CR_AREAS_MAX - 1u};
-    for (uint32_t a = 0; a < 5u; a++) {
-        for (uint32_t b = 0; b < 5u; b++) {
-            restart(&wall);
-            cr_world *w = wall.world;
-            const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-            (void)feel(&wall, &pose);
-            cr_hand answer = {.memory = w->felt.memory, .stamp = w->felt.stamp - 1u};
-            put_fan(&answer, counts[a], 0.0f, 1e-3f);
-            cr_take_hand(w, &answer);
-            for (int i = 0; i < 30; i++) {
-                (void)feel(&wall, &pose);
-            }
-            const cr_output before = feel(&wall, &pose);
-            answer.stamp = w->felt.stamp + 1u - 10u;
-            put_fan(&answer, counts[b], 2.0f, 0.5e-3f);
-            cr_mailbox_put(&w->hands, w->hand_words, &answer, CR_WORDS_OF(cr_hand));
-            const cr_output first = feel(&wall, &pose);
-            const cr_vec3 step = v3_sub(first.force_world_N, before.force_world_N);
-            assert_true(v3_norm(step) > 0.05f);
-            cr_output last = first;
-            for (int i = 0; i < 9; i++) {
-                const cr_output next = feel(&wall, &pose);
-                assert_float_equal(v3_norm(v3_sub(v3_sub(next.force_world_N, last.force_world_N), step)), 0.0f, 1e-4f);
-                last = next;
-            }
-            const cr_output after = feel(&wall, &pose);
-            assert_float_equal(v3_norm(v3_sub(after.force_world_N, last.force_world_N)), 0.0f, 1e-6f);
-        }
-    }
+    assert_int_equal(out.stats.areas_merged, 2u);
+    assert_float_equal(out.areas[0].depth_m, 0.2f * 1e-3f, ROUNDING_N / STIFFNESS_N_M);
+    assert_float_equal(out.force_world_N.z, 0.2f * (float)CR_AREAS_MAX * STIFFNESS_N_M * 1e-3f, 0.1f);
 }
 
 int main(void) {
@@ -370,7 +326,6 @@ int main(void) {
         cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
         cmocka_unit_test(answers_that_say_the_same_change_nothing),
         cmocka_unit_test(areas_beyond_room_are_counted),
-        cmocka_unit_test(an_answer_of_many_does_not_jump),
     };
     return cmocka_run_group_tests(tests, open_rigs, close_rigs);
 }

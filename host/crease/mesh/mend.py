@@ -187,7 +187,7 @@ def _collapse_slivers(draft: Draft, share: float = SLIVER, crossing: bool = True
     before = len(draft.triangles)
     for collapse in (_simplified, _mended_in_place):
         trial = collapse(draft, limit_m) if left else None
-        if trial is None or len(trial.loose_edges()) or (_crosses(trial) and not crossing):
+        if trial is None or len(trial.loose_edges()) or (not crossing and _crosses(trial)):
             continue
         still = _thinner(trial, limit_m)
         if still < left:
