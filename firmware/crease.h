@@ -217,10 +217,10 @@ void cr_world_clear_fault(cr_world *world);
 
 /* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
  * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
- * Late     an answer that needs more work than lookups_max is found over several ticks, at the pose it began with. Meanwhile
- *          the last areas are answered: their planes stay, their points move with the tool, zones are not reported. An answer
- *          that is n > 1 ticks old then rises over n, in equal parts, and what was felt before falls; after one of more than six
- *          half-spaces the next comes at once.
+ * Late     an answer that needs more work than lookups_max is found over several ticks, at one pose: where the tool will be when it is
+ *          felt, as the answer before and the motion since tell. Meanwhile the last areas are answered: their planes stay, their
+ *          points move with the tool, zones are not reported. An answer that is n > 1 ticks old then rises over n, in equal parts,
+ *          and what was felt before falls; where both together have more than CR_AREAS_MAX half-spaces it comes at once.
  * Errors   none: see faults and stats.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
@@ -229,7 +229,7 @@ void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr
  * Units    work: in lookups of 16 points, as cr_config.lookups_max, which is not asked here.
  * Threads  one at a time; it may be interrupted by cr_feel at any place, or run beside it. Neither waits for the other. A world is driven by cr_tick or by
  *          these two; cr_world_clear_fault stands between when they change.
- * Output   work done; 0: the newest pose has its answer, wait for another.   Cost  as cr_tick. */
+ * Output   work done; 0: the newest pose has its answer, or none was felt with the last answer yet: wait for another.   Cost  as cr_tick. */
 uint32_t cr_search(cr_world *world, uint32_t work);
 
 /* Purpose  the other part: the wrench at a pose, of the newest contact that cr_search found; as cr_tick otherwise.

@@ -42,7 +42,7 @@ static void report_zone(const cr_respond_input *in, const cr_way_relations *r, u
     cr_zone *zone = &out->zones[out->zone_count++];
     zone->patch = z->patch;
     zone->normal_world = world_normal(in->world_from_tool, z);
-    zone->centre_world_m = xform_point(in->world_from_tool, r->touched[index]);
+    zone->centre_world_m = cr_xform_point(in->world_from_tool, r->touched[index]);
     zone->area_m2 = z->area_m2;
     zone->radius_m = sqrtf(z->area_m2);
     zone->weight_m2 = z->deep_m > 0.0f ? z->weight_m3 / z->deep_m : 0.0f;
@@ -67,7 +67,7 @@ static void report(const cr_respond_input *in, const cr_way_relations *r, const 
     out->force_world_N = v3(0.0f, 0.0f, 0.0f);
     out->normal_world = push_normal(in, half);
     CR_ASSERT(v3_is_unit(out->normal_world));
-    out->point_world_m = xform_point(in->world_from_tool, point_of_force(half, middle));
+    out->point_world_m = cr_xform_point(in->world_from_tool, point_of_force(half, middle));
     out->depth_m = push_m;
     out->offset_m = v3_dot(out->normal_world, out->point_world_m) + push_m;
     out->zone_count = 0u;

@@ -51,9 +51,8 @@ static void add_up(float *sum, float *lost, float step) {
 void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
     if (m->valid) {
         cr_quat a = m->last.rot, b = pose->rot;
-        float flip = a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z < 0.0f ? -1.0f : 1.0f;
-        float dw = b.w - flip * a.w, dx = b.x - flip * a.x, dy = b.y - flip * a.y, dz = b.z - flip * a.z;
-        /* |2 sin(angle / 2)| <= 2 |dq|; both odometers are rounded up. */
+        float dw = b.w - a.w, dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
+        /* |2 sin(angle / 2)| <= 2 |dq|, and more where -q comes after q: then all wakes. Both odometers are rounded up. */
         const float turn_rad = 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
         add_up(&m->turn_rad, &m->turn_lost_rad, turn_rad);
         add_up(&m->slide_m, &m->slide_lost_m, v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f);
@@ -527,7 +526,8 @@ static int tool_is_free(walk *w) {
     if (!(w->options->skip & CR_SKIP_TOP)) {
         return 0;
     }
-    cr_vec3 c = xform_point(w->pose, v3_from(m->root_centre_m));
+    cr_vec3 c = v3_add(xform_rotate(w->pose, v3_from(m->root_centre_m)),
+                       w->pose->t); /* in line: each tick in free space asks */
     cr_lanes3 p;
     cr_lookup at;
     for (int i = 0; i < (CR_SCALAR ? 1 : CR_LANES); i++) {
@@ -567,10 +567,11 @@ static void begin_search(cr_descent *search, cr_contact_set *set) {
 
 int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options *options, cr_motion *motion,
               cr_descent *search, cr_contact_set *set, cr_stats *stats) {
-    walk w = {field, field->scene, pose, options, motion, search, set, stats, 0.0f, 0.0f, 0.0f};
     const float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     const float rounding = ROUNDING_M + 1e-6f * scale;
-    w.slack_out_m = field->scene->meta->error_out_m + rounding;
+    walk w = {
+        field, field->scene, pose, options, motion, search, set, stats, field->scene->meta->error_out_m + rounding,
+        0.0f,  0.0f};
     search->spent = 0u;
     if (!search->open) {
         set->hit_count = set->contacts = set->way.count = 0u;

@@ -6,12 +6,12 @@
 #define POSITION_MAX_M 1e4f
 #define QUATERNION_TOLERANCE 0.01f
 
-/* Normalised copy of the pose, or a fault. */
-static uint32_t check_pose(const cr_pose *in, cr_pose *out) {
+uint32_t cr_check_pose(const cr_pose *in, cr_pose *out) {
     cr_quat q = in->rot;
     float n2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;
-    float reach = max_f(max_f(abs_f(in->pos_m.x), abs_f(in->pos_m.y)), abs_f(in->pos_m.z));
-    if (!(abs_f(n2 - 1.0f) < 2.0f * QUATERNION_TOLERANCE) || !(reach <= POSITION_MAX_M)) { /* not a number fails both */
+    /* not a number fails each */
+    if (!(abs_f(n2 - 1.0f) < 2.0f * QUATERNION_TOLERANCE) || !(abs_f(in->pos_m.x) <= POSITION_MAX_M) ||
+        !(abs_f(in->pos_m.y) <= POSITION_MAX_M) || !(abs_f(in->pos_m.z) <= POSITION_MAX_M)) {
         return CR_FAULT_POSE;
     }
     float s = 1.0f / sqrtf(n2);
@@ -46,9 +46,9 @@ static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world,
     if (!w->has_previous) {
         return v3(0.0f, 0.0f, 0.0f);
     }
-    xform before = xform_from_pose(&w->previous);
+    xform before = cr_xform_from_pose(&w->previous);
     cr_vec3 p_tool = xform_unrotate(now, v3_sub(p_world, now->t));
-    return v3_scale(v3_sub(p_world, xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
+    return v3_scale(v3_sub(p_world, cr_xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
 }
 
 /* Spring and damper along the normal of an area that is felt to a share; it pushes or does nothing. */
@@ -181,9 +181,9 @@ static void put_behind(cr_behind *behind, const cr_held *held, float share) {
 
 /* What was felt last falls from now on: the contact in hand, and what was falling behind it. Where there is no room for both, the contact in hand falls as if
  * all of it had been felt: the shares are one in sum, and a tool at rest feels no dip. */
-static void move_behind(cr_world *w) {
+static void move_behind(cr_world *w, uint32_t room) {
     const cr_behind before = w->behind;
-    const int both = w->hand.count + before.count <= CR_BEHIND_MAX;
+    const int both = w->hand.count + before.count <= room;
     const float share = both ? share_of_hand(w, w->felt.stamp - 1u) : 1.0f;
     w->behind.count = 0u;
     for (uint32_t i = 0; i < w->hand.count; i++) {
@@ -195,9 +195,10 @@ static void move_behind(cr_world *w) {
 }
 
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
-    const int rises = w->felt.stamp - answer->stamp > 1u && w->hand.count <= CR_BEHIND_MAX;
+    const uint32_t room = CR_AREAS_MAX - answer->count; /* of areas, for what falls beside it */
+    const int rises = w->felt.stamp - answer->stamp > 1u && w->hand.count <= room;
     if (rises) {
-        move_behind(w);
+        move_behind(w, room);
     } else {
         w->behind.count = 0u;
     }
@@ -220,8 +221,8 @@ void cr_world_clear_fault(cr_world *world) {
  * its plane there is no area in this tick; the next one may be in it again. */
 static void push_held(const cr_world *w, const xform *now, float period_s, const cr_held *h, float share,
                       cr_output *out) {
-    const cr_vec3 p = xform_point(now, h->point_tool_m);
-    const float depth_m = h->offset_m - v3_dot(h->normal_world, p);
+    const cr_vec3 p = cr_xform_point(now, h->point_tool_m);
+    const float depth_m = cr_held_depth(h, p);
     if (depth_m <= 0.0f) {
         return;
     }
@@ -269,7 +270,7 @@ static void sum_areas(cr_world *w, const xform *now, cr_output *out) {
 
 int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out) {
     clear_output(out);
-    w->faults |= check_pose(world_from_tool, &out->display_pose);
+    w->faults |= cr_check_pose(world_from_tool, &out->display_pose);
     w->faults |= period_s > 0.0f && period_s <= 1.0f ? 0u : (uint32_t)CR_FAULT_PERIOD;
     out->faults = w->faults;
     if (w->faults != 0u) {
@@ -285,7 +286,7 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 
 /* What the contact in hand does at this pose. */
 static void feel(cr_world *w, float period_s, cr_output *out) {
-    const xform now = xform_from_pose(&w->felt.pose);
+    const xform now = cr_xform_from_pose(&w->felt.pose);
     if (out->stats.late_ticks > 0u) {
         push_late(w, &now, period_s, out);
     } else {

@@ -16,7 +16,7 @@ static inline float lower_f(float a, float b) { return a < b ? a : b; }
 static inline float higher_f(float a, float b) { return a > b ? a : b; }
 /* low..high, low for what is no number: safe to index with. */
 static inline float clamp_f(float v, float low, float high) { return lower_f(higher_f(v, low), high); }
-static inline float abs_f(float a) { return a < 0.0f ? -a : a; }
+static inline float abs_f(float a) { return fabsf(a); }
 /* 1 below zero, as a bit; 1 for -0 too. */
 static inline uint32_t sign_bit_f(float v) {
     uint32_t words[sizeof v / sizeof(uint32_t)]; /* one; two where the sources are built in double */
@@ -29,8 +29,15 @@ int cr_in_range(float v, float low, float high);
 /* False for infinities and not-a-number, without libm. */
 static inline int is_finite_f(float a) { return a - a == 0.0f; }
 
+/* For what is three instructions: also where a compiler is asked for small code, a call of it is more. */
+#if defined(__GNUC__)
+#define CR_IN_LINE static inline __attribute__((always_inline))
+#else
+#define CR_IN_LINE static inline
+#endif
+
 /* Lowest set bit of a non-zero mask of lanes, taken out of the mask. */
-static inline int take_lane(uint32_t *lanes) {
+CR_IN_LINE int take_lane(uint32_t *lanes) {
     CR_ASSERT(*lanes != 0u);
 #if defined(__GNUC__)
     int lane = __builtin_ctz(*lanes);
@@ -96,22 +103,12 @@ typedef struct {
     cr_vec3 r0, r1, r2, t;
 } xform;
 
-static inline xform xform_from_pose(const cr_pose *p) {
-    cr_quat q = p->rot;
-    float xx = q.x * q.x, yy = q.y * q.y, zz = q.z * q.z;
-    float xy = q.x * q.y, xz = q.x * q.z, yz = q.y * q.z;
-    float wx = q.w * q.x, wy = q.w * q.y, wz = q.w * q.z;
-    xform m;
-    m.r0 = v3(1.0f - 2.0f * (yy + zz), 2.0f * (xy - wz), 2.0f * (xz + wy));
-    m.r1 = v3(2.0f * (xy + wz), 1.0f - 2.0f * (xx + zz), 2.0f * (yz - wx));
-    m.r2 = v3(2.0f * (xz - wy), 2.0f * (yz + wx), 1.0f - 2.0f * (xx + yy));
-    m.t = p->pos_m;
-    return m;
-}
+/* Not in line, as cr_xform_point. */
+xform cr_xform_from_pose(const cr_pose *p);
 static inline cr_vec3 xform_rotate(const xform *m, cr_vec3 v) {
     return v3(v3_dot(m->r0, v), v3_dot(m->r1, v), v3_dot(m->r2, v));
 }
-static inline cr_vec3 xform_point(const xform *m, cr_vec3 v) { return v3_add(xform_rotate(m, v), m->t); }
+cr_vec3 cr_xform_point(const xform *m, cr_vec3 v);
 /* Transposed rotation: world vector to tool frame. */
 static inline cr_vec3 xform_unrotate(const xform *m, cr_vec3 v) {
     return v3_add(v3_add(v3_scale(m->r0, v.x), v3_scale(m->r1, v.y)), v3_scale(m->r2, v.z));

@@ -11,15 +11,6 @@ cr_config cr_config_default(void) {
     return c;
 }
 
-/* Sums of bits, of two, four and eight. */
-uint32_t cr_count_lanes(uint32_t lanes) {
-    const uint32_t two = lanes - ((lanes >> 1) & 0x55555555u);
-    const uint32_t four = (two & 0x33333333u) + ((two >> 2) & 0x33333333u);
-    return (((four + (four >> 4)) & 0x0f0f0f0fu) * 0x01010101u) >> 24;
-}
-
-int cr_in_range(float v, float low, float high) { return v >= low && v <= high; }
-
 const char *cr_config_error(const cr_config *c) {
     if (!cr_in_range(c->stiffness_N_m, 0.0f, 1e6f) || !cr_in_range(c->damping_Ns_m, 0.0f, 1e4f) ||
         !cr_in_range(c->force_max_N, 1e-6f, 1e6f)) {

@@ -7,10 +7,10 @@
 /* What was made at the pose that was searched at. In free space it must cost nothing. */
 static void take_made(cr_world *w) {
     if (w->made.count + w->in_hand > 0u) {
-        w->made.stamp = w->searched_stamp;
+        w->made.stamp = w->searched.stamp - w->looks_ahead;
         cr_take_hand(w, &w->made);
     } else {
-        w->hand.stamp = w->searched_stamp;
+        w->hand.stamp = w->searched.stamp;
     }
 }
 
@@ -31,12 +31,14 @@ uint32_t cr_search(cr_world *w, uint32_t work) {
     if (cr_mailbox_take(&w->poses, w->pose_words, &newest, CR_WORDS_OF(cr_felt), &w->poses_seen)) {
         w->wanted = newest;
     }
-    if (w->wanted.stamp == w->made.stamp && w->wanted.memory == w->made.memory) {
+    /* One answer after another, each of which is felt: where the next one looks hangs on it. */
+    const int waits = w->wanted.stamp == w->made.stamp || w->wanted.hand != w->made.stamp;
+    if (waits && w->wanted.memory == w->made.memory && !w->search.open && !w->found) {
         return 0u;
     }
     if (cr_search_slice(w, &w->wanted, &slice, &w->made, w->way.areas, &stats)) {
-        w->made.stamp = w->searched_stamp;
-        w->made.memory = w->searched_memory;
+        w->made.stamp = w->searched.stamp;
+        w->made.memory = w->searched.memory;
         cr_mailbox_put(&w->hands, w->hand_words, &w->made, CR_WORDS_OF(cr_hand));
     }
     return stats.work > 0u ? stats.work : 1u;
@@ -57,6 +59,7 @@ void cr_feel(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_out
             newest.memory == w->felt.memory) {
             cr_take_hand(w, &newest);
         }
+        w->felt.hand = w->hand.stamp;
         cr_mailbox_put(&w->poses, w->pose_words, &w->felt, CR_WORDS_OF(cr_felt));
         cr_render(w, period_s, out);
     }

@@ -10,6 +10,7 @@
 typedef struct {
     uint32_t stamp;  /* count of feels */
     uint32_t memory; /* contact found for another memory is forgotten */
+    uint32_t hand;   /* stamp of the contact that it was felt with, for a search beside */
     cr_pose pose;
 } cr_felt;
 
@@ -26,15 +27,16 @@ typedef struct {
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
 
-/* Half-spaces of earlier answers that are felt beside those of the newest: with more a feel exceeds its budget. An answer that follows one of more does not
- * rise. */
-#define CR_BEHIND_MAX 6u
+/* How deep it is with its point at p. */
+static inline float cr_held_depth(const cr_held *h, cr_vec3 p_world) {
+    return h->offset_m - v3_dot(h->normal_world, p_world);
+}
 
 /* What was felt before the newest contact was taken up, each with the share of it that was felt then. */
 typedef struct {
     uint32_t count;
-    float share[CR_BEHIND_MAX];
-    cr_held held[CR_BEHIND_MAX];
+    float share[CR_AREAS_MAX];
+    cr_held held[CR_AREAS_MAX];
 } cr_behind;
 
 #define CR_WORDS_OF(type) ((uint32_t)(sizeof(type) / sizeof(uint32_t)))
@@ -61,11 +63,13 @@ struct cr_world {
     /* of who searches */
     cr_motion motion;
     cr_descent search;
-    cr_felt wanted;                           /* the newest pose; */
-    uint32_t searched_stamp, searched_memory; /* of the one that is searched at: motion.last */
-    uint32_t found;                           /* 1: at its end, and not answered yet */
-    uint32_t answering;                       /* 1: the answer has begun */
-    cr_hand made;                             /* the last answer, by cr_search */
+    cr_felt searched;     /* the one that is searched for, at motion.last: */
+    uint32_t looks_ahead; /* 1: where it is expected when it is answered */
+    cr_felt answered;     /* the last that was, and touched */
+    uint32_t found;       /* 1: at its end, and not answered yet */
+    uint32_t answering;   /* 1: the answer has begun */
+    cr_felt wanted;       /* the newest pose */
+    cr_hand made;         /* the last answer, by cr_search */
     cr_contact_set set;
     cr_way_work way;
 #ifdef CR_RIVALS
@@ -91,6 +95,9 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
 
 /* Purpose  search to the end at a pose that was felt: the next cr_feel takes the answer. For running a recording again.   Cost  as an answer takes. */
 void cr_answer(cr_world *w, const cr_felt *at);
+
+/* Purpose  normalised copy of a pose.   Output  0, or CR_FAULT_POSE: not finite, too far out, or no unit quaternion. */
+uint32_t cr_check_pose(const cr_pose *in, cr_pose *out);
 
 /* Purpose  check a pose and take it for the next to be felt.   Output  1, or 0 with a fault latched and out of no force. */
 int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_output *out);

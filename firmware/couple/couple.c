@@ -110,13 +110,13 @@ static uint32_t check_contacts(const cr_couple_contact *contacts, uint32_t count
 
 /* A pose of the tool as one of the centre, and back. */
 static cr_pose pose_of_centre(const cr_pose *tool, cr_vec3 centre_tool_m) {
-    const xform m = xform_from_pose(tool);
+    const xform m = cr_xform_from_pose(tool);
     cr_pose p = *tool;
-    p.pos_m = xform_point(&m, centre_tool_m);
+    p.pos_m = cr_xform_point(&m, centre_tool_m);
     return p;
 }
 static cr_pose pose_of_tool(const cr_pose *centre, cr_vec3 centre_tool_m) {
-    const xform m = xform_from_pose(centre);
+    const xform m = cr_xform_from_pose(centre);
     cr_pose p = *centre;
     p.pos_m = v3_sub(centre->pos_m, xform_rotate(&m, centre_tool_m));
     return p;
@@ -186,7 +186,7 @@ void cr_couple_settle(cr_couple *couple, const cr_couple_tie *k, const cr_couple
 static void feel_pull(cr_couple *couple, const cr_couple_tie *k, cr_couple_output *out) {
     cr_vec3 force, torque;
     cr_couple_pull(couple, k, &force, &torque);
-    const xform hand = xform_from_pose(&k->hand);
+    const xform hand = cr_xform_from_pose(&k->hand);
     const cr_vec3 arm = xform_rotate(&hand, couple->config.centre_tool_m);
     out->force_world_N = v3_scale(force, -1.0f);
     out->torque_world_Nm = v3_sub(v3_cross(arm, out->force_world_N), torque);

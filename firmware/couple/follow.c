@@ -42,7 +42,7 @@ typedef struct {
 } tool_motion;
 
 static cr_vec3 middle_of_tool(const cr_scene *s, const cr_couple *couple, const cr_pose *centre) {
-    const xform m = xform_from_pose(centre);
+    const xform m = cr_xform_from_pose(centre);
     return v3_add(m.t, xform_rotate(&m, v3_sub(v3_from(s->meta->root_centre_m), couple->config.centre_tool_m)));
 }
 
@@ -56,10 +56,10 @@ static tool_motion motion_between(const cr_scene *s, const cr_couple *couple, co
 }
 
 static cr_pose view_from(const cr_couple *couple, const cr_pose *centre, cr_couple_view *v) {
-    const xform m = xform_from_pose(centre);
+    const xform m = cr_xform_from_pose(centre);
     cr_pose tool = *centre;
     tool.pos_m = v3_sub(m.t, xform_rotate(&m, couple->config.centre_tool_m));
-    v->pose = xform_from_pose(&tool);
+    v->pose = cr_xform_from_pose(&tool);
     v->middle = middle_of_tool(v->field->scene, couple, centre);
     return tool;
 }
@@ -250,7 +250,7 @@ static float ask_passed(cr_coupled *c, const cr_couple_view *v, const carrier *b
 static void make_share(const cr_scene *s, cr_couple *couple, const cr_pose *from, const tool_motion *m) {
     const cr_vec3 middle = v3_add(middle_of_tool(s, couple, from), m->middle_m);
     couple->held.rot = cr_couple_turned(from->rot, m->turn_rad);
-    const xform turned = xform_from_pose(&couple->held);
+    const xform turned = cr_xform_from_pose(&couple->held);
     const cr_vec3 arm = v3_sub(v3_from(s->meta->root_centre_m), couple->config.centre_tool_m);
     couple->held.pos_m = v3_sub(middle, xform_rotate(&turned, arm));
 }

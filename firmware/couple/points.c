@@ -16,7 +16,7 @@ static cr_vec3 arm_of(const cr_couple *couple, const xform *held, cr_vec3 point_
 }
 
 void cr_couple_lay_out(cr_couple *couple, const cr_couple_contact *contacts, uint32_t count) {
-    const xform held = xform_from_pose(&couple->held);
+    const xform held = cr_xform_from_pose(&couple->held);
     couple->point_count = 0u;
     for (uint32_t i = 0; i < count; i++) {
         const cr_couple_contact *c = &contacts[i];
@@ -35,7 +35,7 @@ void cr_couple_lay_out(cr_couple *couple, const cr_couple_contact *contacts, uin
 }
 
 float cr_couple_look(cr_couple *couple, const cr_couple_contact *contacts, uint32_t count, float reach_m) {
-    const xform held = xform_from_pose(&couple->held);
+    const xform held = cr_xform_from_pose(&couple->held);
     const float shrink = 1.0f / reach_m;
     float longest2 = 0.0f;
     cr_couple_point *p = couple->points;

@@ -137,7 +137,7 @@ static void make_generators(const cr_respond_input *in, uint32_t area, const cr_
 /* Where the force of a group acts: the area's centroid, moved by how far the group's zones lie from the middle of all. */
 static cr_vec3 acting_point(const cr_respond_input *in, const cr_area_work *a, const weights *w, const float *share) {
     cr_vec3 centre =
-        xform_point(in->world_from_tool, v3_scale(v3(a->sum.px, a->sum.py, a->sum.pz), 1.0f / a->sum.area));
+        cr_xform_point(in->world_from_tool, v3_scale(v3(a->sum.px, a->sum.py, a->sum.pz), 1.0f / a->sum.area));
     cr_vec3 mine = v3(0.0f, 0.0f, 0.0f), all = mine;
     float mine_weight = 0.0f, all_weight = 0.0f;
     for (uint32_t i = 0; i < a->zone_count; i++) {

@@ -26,7 +26,7 @@ static int clip_to_surface(const struct cr_img_cluster *c, const cr_lookup *at, 
         return 0;
     }
     *p_world = v3_mad(*p_world, xform_rotate(pose, way), -at->phi_m[lane] / fall);
-    cr_vec3 off = v3_sub(*p_world, xform_point(pose, v3(c->x[lane], c->y[lane], c->z[lane])));
+    cr_vec3 off = v3_sub(*p_world, cr_xform_point(pose, v3(c->x[lane], c->y[lane], c->z[lane])));
     return v3_dot(off, off) <= reach * reach;
 }
 
@@ -144,7 +144,7 @@ static int lies_behind(const probe *d, cr_vec3 p_world) {
 }
 
 static int is_own(const cr_respond_input *in, const probe *d, cr_vec3 p_tool) {
-    return d->behind == 0u || lies_behind(d, xform_point(in->world_from_tool, p_tool));
+    return d->behind == 0u || lies_behind(d, cr_xform_point(in->world_from_tool, p_tool));
 }
 
 /* One cluster, and what is measured at it. */
@@ -378,7 +378,7 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
  * wall it is less deep in, and is the lowest point of the other one too. */
 static int is_at_zones(const cr_respond_input *in, const cr_area_work *area, const cr_hit *hit, uint32_t zones) {
     const cr_vec3 sum = v3(hit->sum.px, hit->sum.py, hit->sum.pz);
-    const cr_vec3 middle = xform_point(in->world_from_tool, v3_scale(sum, 1.0f / max_f(hit->sum.area, 1e-20f)));
+    const cr_vec3 middle = cr_xform_point(in->world_from_tool, v3_scale(sum, 1.0f / max_f(hit->sum.area, 1e-20f)));
     int at = 0;
     while (zones != 0u) {
         const cr_zone *zone = &area->zones[take_lane(&zones)];

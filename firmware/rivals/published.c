@@ -81,7 +81,7 @@ uint32_t cr_answer_as_published(const cr_respond_input *in, uint32_t index, cons
         return 0u;
     }
     out->point_world_m =
-        xform_point(in->world_from_tool, v3_scale(v3(a->sum.px, a->sum.py, a->sum.pz), 1.0f / a->sum.area));
+        cr_xform_point(in->world_from_tool, v3_scale(v3(a->sum.px, a->sum.py, a->sum.pz), 1.0f / a->sum.area));
     cr_report_area(a, weight, whole, out);
     return 1u;
 }

@@ -82,7 +82,7 @@ static cr_quat quat_unit(cr_quat q) {
 }
 static cr_vec3 quat_rotate(cr_quat q, cr_vec3 v) {
     cr_pose p = {{0.0f, 0.0f, 0.0f}, q};
-    xform m = xform_from_pose(&p);
+    xform m = cr_xform_from_pose(&p);
     return xform_rotate(&m, v);
 }
 
@@ -153,7 +153,7 @@ cr_err cr_joints_from_pose(const cr_arm_config *arm, const cr_pose *world_from_t
         return CR_ERR_VALUE;
     }
     cr_pose wrist = {{0.0f, 0.0f, 0.0f}, quat_unit(quat_mul(to_base, hand))};
-    xform m = xform_from_pose(&wrist);
+    xform m = cr_xform_from_pose(&wrist);
     found.joint[0] = tip.x;
     found.wrist_rad[0] = cr_atan2(m.r1.x, m.r0.x);
     found.wrist_rad[1] = cr_atan2(-m.r2.x, sqrtf(m.r0.x * m.r0.x + m.r1.x * m.r1.x));

@@ -175,7 +175,7 @@ static uint32_t find_states(const crv_watch *watch, const xform *pose, const cr_
 }
 
 static size_t find_changes(crv_watch *watch, const cr_pose *shown, const cr_contact_set *set, crv_change *changes) {
-    const xform pose = xform_from_pose(shown);
+    const xform pose = cr_xform_from_pose(shown);
     uint32_t label[CR_AREAS_MAX];
     state next[CR_LANES];
     size_t count = 0;

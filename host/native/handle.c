@@ -29,7 +29,7 @@ static cr_joints joints_of(const cr_handle *h, const cr_record *r) {
 static void wrist_axes(const cr_arm_config *arm, const float wrist_rad[3], cr_vec3 axes[3]) {
     float sy, cy, sp, cp;
     cr_pose base = {{0.0f, 0.0f, 0.0f}, arm->world_from_base.rot};
-    const xform m = xform_from_pose(&base);
+    const xform m = cr_xform_from_pose(&base);
     cr_sincos(wrist_rad[0], &sy, &cy);
     cr_sincos(wrist_rad[1], &sp, &cp);
     axes[0] = xform_rotate(&m, v3(0.0f, 0.0f, 1.0f));

@@ -41,7 +41,7 @@ static void time_pose(bench *b, const cr_config *config, const cr_pose *pose, cr
                                        .coverage = config->coverage,
                                        .lookups_max = config->lookups_max,
                                        .slices_max = CR_SEARCH_TICKS_MAX};
-    const xform now = xform_from_pose(pose);
+    const xform now = cr_xform_from_pose(pose);
     cr_respond_input in = {.field = &b->field, .world_from_tool = &now, .set = &b->set, .config = config};
     memset(&b->stats, 0, sizeof b->stats);
     memset(row, 0, sizeof *row);

@@ -61,7 +61,7 @@ static void mark(crt_rig *rig, uint32_t kind, uint32_t planes) {
 /* Nothing is skipped: the same clusters are looked at, and the same spheres looked up, at every pose. */
 static void detect(const crt_rig *rig, double above_m, const char *name) {
     const cr_pose pose = crt_pose(0.0, 0.0, above_m);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_detect_options options = {.skip = 0u, .lookups_max = UINT32_MAX, .slices_max = 1u};
     cr_motion motion = {.wake_count = rig->scene.group_count * CR_LANES};
     static cr_descent search;
@@ -91,7 +91,7 @@ static void look_up(const crt_rig *rig) {
 
 static void measure_hits(const crt_rig *rig, const char *all, const char *none) {
     const cr_pose pose = crt_pose(0.0, 0.0, IN_M);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &rig->field, .world_from_tool = &at, .set = &set, .config = &config};
     for (int deep = 0; deep < 2; deep++) {
@@ -145,7 +145,7 @@ static void pass(const cr_respond_input *in, const char *name) {
 
 static void join_zones(const crt_rig *rig) {
     const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &rig->field, .world_from_tool = &at, .set = &set, .config = &config};
     uint64_t seed = 5u;
@@ -188,7 +188,7 @@ static void count(const crt_rig *rig, uint32_t halves, float known_m, uint32_t p
     static const float whole[CR_LANES] = {1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f,
                                           1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
     const cr_pose pose = crt_pose(0.0, 0.0, -1e-3);
-    const xform from_tool = xform_from_pose(&pose);
+    const xform from_tool = cr_xform_from_pose(&pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &rig->field, .world_from_tool = &from_tool, .set = &set, .config = &config};
     const cr_way_survey survey = {&in, &set.way, &work.relations, work.half, &work.scratch, &work, UINT32_MAX};

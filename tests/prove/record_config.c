@@ -4,6 +4,7 @@
  * Unwind   5 */
 #include "prove.h"
 
+#include "contact/math3.c"
 #include "contact/settings.c"
 #include "servo/config.c"
 

@@ -75,7 +75,7 @@ void crt_find_areas(const crt_rig *rig, const cr_pose *pose, uint32_t skip, uint
                                        .lookups_max = UINT32_MAX,
                                        .slices_max = CR_SEARCH_TICKS_MAX,
                                        .touches = 1u};
-    const xform at = xform_from_pose(pose);
+    const xform at = cr_xform_from_pose(pose);
     const uint32_t clusters = rig->scene.cluster_count;
     uint16_t *hit_of_cluster = malloc(clusters * sizeof *hit_of_cluster);
     cr_descent search;
@@ -185,7 +185,7 @@ void crt_check_free(const crt_rig *rig, double half_m, const cr_config *config) 
         cr_vec3 n = v3((float)cos(turn), 0.0f, (float)sin(turn));
         cr_pose pose = crt_pose(0.0, crt_uniform(&seed, -20e-3, 20e-3), 0.0);
         pose.rot = i % 3 ? crt_random_rotation(&seed) : crt_turn(0.0, 1.0, 0.0, QUARTER - turn);
-        xform now = xform_from_pose(&pose);
+        xform now = cr_xform_from_pose(&pose);
         float lowest = 1.0f;
         for (int k = 0; k < 8; k++) {
             float h = (float)half_m;

@@ -63,7 +63,7 @@ static void a_search_that_no_tick_leaves_stops(void **state) {
     crt_rig rig;
     open_cube_in_block(&rig);
     const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_detect_options options = {
         .skip = 0u, .coverage = CR_COVERAGE_SOFT, .lookups_max = 1000u, .slices_max = 32u};
     cr_motion motion = {.wake_m = wake, .wake_count = rig.scene.group_count * CR_LANES};
@@ -98,7 +98,7 @@ static void planes_are_turned_of_kinds_that_have_them(void **state) {
     crt_rig rig;
     open_cube_in_block(&rig);
     const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-    xform at = xform_from_pose(&pose);
+    xform at = cr_xform_from_pose(&pose);
     cr_planes planes;
     STOPS_IN("planes.c", cr_planes_turn(&rig.scene, &at, 0u, &planes));
     STOPS_IN("planes.c", cr_planes_turn(&rig.scene, &at, rig.scene.kind_count, &planes));

@@ -74,7 +74,7 @@ static double depth_of(double cosine, uint32_t lanes, double field_m, double pla
                                           1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f};
     static cr_way_spots at;
     const cr_pose pose = crt_pose(0.0, 0.0, HALF_M - field_m);
-    const xform from_tool = xform_from_pose(&pose);
+    const xform from_tool = cr_xform_from_pose(&pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &rig.field, .world_from_tool = &from_tool, .set = &set, .config = &config};
     const cr_way_survey survey = {&in, &set.way, &relations, &half, &work.scratch, &work, UINT32_MAX};

@@ -38,7 +38,7 @@ static detector make_detector(const crt_rig *rig, uint32_t skip, uint32_t covera
 }
 
 static void detect(detector *d, const crt_rig *rig, const cr_pose *pose) {
-    xform now = xform_from_pose(pose);
+    xform now = cr_xform_from_pose(pose);
     memset(&d->stats, 0, sizeof d->stats);
     cr_motion_advance(&d->motion, pose);
     assert_true(cr_detect(&rig->field, &now, &d->options, &d->motion, &d->search, d->set, &d->stats));
@@ -245,13 +245,13 @@ static void detect_counts_the_points_inside(void **state) {
     uint64_t seed = 8u;
     for (int i = 0; i < 300; i++) {
         cr_pose pose = random_pose(&seed, 20e-3);
-        xform now = xform_from_pose(&pose);
+        xform now = cr_xform_from_pose(&pose);
         uint32_t least = 0u, most = 0u;
         detect(&d, &rig, &pose);
         for (uint32_t c = 0; c < rig.scene.cluster_count; c++) {
             for (uint32_t k = 0; k < rig.scene.clusters[c].count; k++) {
                 const struct cr_img_cluster *cl = &rig.scene.clusters[c];
-                cr_vec3 p = xform_point(&now, v3(cl->x[k], cl->y[k], cl->z[k]));
+                cr_vec3 p = cr_xform_point(&now, v3(cl->x[k], cl->y[k], cl->z[k]));
                 const double q[3] = {(double)p.x, (double)p.y, (double)p.z};
                 double exact = crt_distance(&block, q), margin = (double)rig.scene.meta->quantum_m + 1e-7;
                 least += exact < -margin;
@@ -351,8 +351,8 @@ static void detect_odometers_bound_the_motion_of_every_point(void **state) {
             continue; /* rebased */
         }
         cr_vec3 p = v3((float)crt_uniform(&seed, -0.1, 0.1), (float)crt_uniform(&seed, -0.1, 0.1), 0.05f);
-        xform a = xform_from_pose(&before), b = xform_from_pose(&now);
-        float moved = v3_norm(v3_sub(xform_point(&b, p), xform_point(&a, p)));
+        xform a = cr_xform_from_pose(&before), b = cr_xform_from_pose(&now);
+        float moved = v3_norm(v3_sub(cr_xform_point(&b, p), cr_xform_point(&a, p)));
         assert_true(moved <= m.slide_m - slide + (m.turn_rad - turn) * v3_norm(p) + 2e-6f);
         before = now;
     }

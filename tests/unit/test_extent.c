@@ -29,7 +29,7 @@ static cr_config extent_config(void) {
 static void open_cube(crt_rig *rig, const crt_solid *solid) { crt_open_cube(rig, solid, HALF_M, SPACING_M, VOXEL_M); }
 
 static uint32_t respond(const crt_rig *rig, const cr_pose *pose, const cr_config *config, uint32_t room) {
-    const xform now = xform_from_pose(pose);
+    const xform now = cr_xform_from_pose(pose);
     cr_respond_input in = {.field = &rig->field, .world_from_tool = &now, .set = &set, .config = config};
     crt_find_areas(rig, pose, CR_SKIP_ALL, config->coverage, &set, &area_set, &stats);
     return cr_respond(&in, &area_set, areas, room, &stats);
@@ -37,12 +37,12 @@ static uint32_t respond(const crt_rig *rig, const cr_pose *pose, const cr_config
 
 /* Largest -n . v over the cube's vertices: how far the cube reaches below the plane through the origin. */
 static double reach_below(const cr_pose *pose, double nx, double ny, double nz) {
-    xform now = xform_from_pose(pose);
+    xform now = cr_xform_from_pose(pose);
     double deepest = -1.0;
     for (int k = 0; k < 8; k++) {
         cr_vec3 v = v3(k & 1 ? (float)HALF_M : -(float)HALF_M, k & 2 ? (float)HALF_M : -(float)HALF_M,
                        k & 4 ? (float)HALF_M : -(float)HALF_M);
-        cr_vec3 p = xform_point(&now, v);
+        cr_vec3 p = cr_xform_point(&now, v);
         deepest = fmax(deepest, -(nx * (double)p.x + ny * (double)p.y + nz * (double)p.z));
     }
     return deepest;
@@ -96,7 +96,7 @@ static void respond_feels_a_static_corner_between_the_samples_of_a_face(void **s
         for (double down = -0.1e-3; down < 1.5e-3; down += step_m) {
             cr_pose pose = crt_pose(0.0, 0.0, 0.0);
             pose.rot = crt_turn(-1.0, 1.0, 0.0, acos(root)); /* takes z to the diagonal */
-            xform turn = xform_from_pose(&pose);
+            xform turn = cr_xform_from_pose(&pose);
             cr_vec3 spot = xform_rotate(&turn, v3((float)u, (float)v, -(float)HALF_M));
             pose.pos_m =
                 v3((float)(corner[0] - down * root - (double)spot.x), (float)(corner[1] - down * root - (double)spot.y),

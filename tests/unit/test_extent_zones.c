@@ -360,7 +360,7 @@ static void touches_found_in_pieces_are_the_same_to_the_bit(void **state) {
     for (int i = 0; i < 100; i++) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -9e-3, 9e-3), 0.0, crt_uniform(&seed, -9e-3, 9e-3));
         pose.rot = crt_random_rotation(&seed);
-        const xform at = xform_from_pose(&pose);
+        const xform at = cr_xform_from_pose(&pose);
         const cr_detect_options options = {
             .skip = CR_SKIP_ALL, .lookups_max = LOOKUPS, .slices_max = CR_SEARCH_TICKS_MAX, .touches = 1u};
         crt_find_areas(&rig, &pose, CR_SKIP_ALL, CR_COVERAGE_SOFT, &set, &areas, &stats);

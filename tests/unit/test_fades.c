@@ -101,7 +101,7 @@ static double share_for_the_side_upwards(cr_vec3 n) {
     crt_add_ball(&tool, tool_m);
     crt_open(&rig, &ball, &tool, 0.5e-3, &config);
     const cr_pose pose = crt_pose(far_m * (double)n.x, far_m * (double)n.y, far_m * (double)n.z);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     cr_descent search = {0};
     cr_stats stats = {0};
     cr_motion motion = {.wake_count = rig.scene.group_count * CR_LANES};
@@ -142,7 +142,7 @@ static cr_vec3 reported(const crt_rig *rig, const cr_pose *pose, float leans) {
     static cr_contact_set set;
     static cr_way_work work;
     static cr_area area;
-    const xform at = xform_from_pose(pose);
+    const xform at = cr_xform_from_pose(pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &rig->field, .world_from_tool = &at, .set = &set, .config = &config};
     cr_stats stats = {0};
@@ -190,7 +190,7 @@ static void the_lightest_zone_gives_way(void **state) {
     cr_planes wall = {.kind = 1u, .count = 1u, .sign = 1.0f, .normal_tool = {{0.0f, 0.0f, 1.0f}}};
     const float coverage[CR_LANES] = {1.0f}, weights_m3[] = {1.0f, 1e-30f};
     const uint32_t lightest = 7u;
-    const xform at = xform_from_pose(&(cr_pose){{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}});
+    const xform at = cr_xform_from_pose(&(cr_pose){{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}});
     const double centre[3] = {0.0, 0.0, 0.0}, half[3] = {10e-3, 10e-3, 10e-3};
     const cr_config config = cr_config_default();
     crt_tool tool = crt_tool_new(1e-3);

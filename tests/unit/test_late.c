@@ -1,5 +1,6 @@
 /* A search for contact that needs more lookups than one tick may make: what it finds, and what is felt meanwhile. */
 #include "contact/way_out.h"
+#include "contact/world.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -62,9 +63,11 @@ static cr_output tick(const crt_rig *rig, const cr_pose *pose) {
 
 static cr_pose pressed(double depth_m) { return crt_pose(0.0, 0.0, HALF_M - depth_m); }
 
+static cr_quat minus(cr_quat q) { return (cr_quat){-q.w, -q.x, -q.y, -q.z}; }
+
 /* Searches at a pose, in as many calls as it takes, with so many lookups in each. Returns how many it took. */
 static uint32_t gather_in_calls(cr_motion *motion, const cr_pose *pose, uint32_t lookups, cr_contact_set *set) {
-    const xform at = xform_from_pose(pose);
+    const xform at = cr_xform_from_pose(pose);
     const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = lookups, .slices_max = UINT32_MAX};
     cr_descent search;
     cr_stats stats;
@@ -111,7 +114,7 @@ static uint32_t among; /* calls that ended among the lanes of a half-space */
 
 /* What is found at a pose, measured with so much work in each call. Returns how many calls it took. */
 static uint32_t measure_in_calls(const cr_pose *pose, uint32_t lookups, cr_contact_set *set, cr_way_work *work) {
-    const xform at = xform_from_pose(pose);
+    const xform at = cr_xform_from_pose(pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &edge.field, .world_from_tool = &at, .set = set, .config = &config};
     uint32_t calls = 1u;
@@ -183,7 +186,7 @@ static void zones_that_join_in_steps_are_the_same_to_the_bit(void **state) {
     (void)state;
     static cr_way_work at_once, in_steps;
     const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_config config = cr_config_default();
     const cr_respond_input in = {.field = &edge.field, .world_from_tool = &at, .set = &whole, .config = &config};
     uint32_t steps = 0u;
@@ -218,7 +221,7 @@ static void what_a_search_cannot_see_in_its_time_is_left_out(void **state) {
     motion.wake_count = rig.scene.group_count * CR_LANES;
     motion.wake_m = calloc(motion.wake_count, sizeof(float));
     const cr_pose pose = crt_pose(0.0, 0.0, 0.5e-3);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_detect_options all = {.lookups_max = UINT32_MAX, .slices_max = CR_SEARCH_TICKS_MAX},
                             few = {.lookups_max = LOOKUPS, .slices_max = CR_SEARCH_TICKS_MAX};
     cr_descent search;
@@ -308,6 +311,7 @@ static void late_answer_takes_over_in_equal_steps(void **state) {
     (void)state;
     cr_pose beside = crt_pose(5e-3, 0.0, 6e-3), on = crt_pose(-4e-3, 0.0, 8.5e-3);
     beside.rot = on.rot = crt_turn(0.2, 1.0, 0.3, 0.5);
+    on.rot = minus(on.rot); /* a leap of 9 mm: nothing to look ahead by */
     crt_restart(&edge, NULL);
     const cr_output prompt = tick(&edge, &on);
     restart_with_few_lookups(&edge);
@@ -331,6 +335,83 @@ static void late_answer_takes_over_in_equal_steps(void **state) {
     assert_true(rises > 2u && moved == rises);
     assert_true(v3_norm(v3_sub(prompt.force_world_N, from)) > 0.5f);
     assert_float_equal(v3_norm(v3_sub(before, prompt.force_world_N)), 0.0f, 2e-3f);
+}
+
+#define SLIDES 200
+
+/* Slides along the wall and presses or lifts, so fast a tick, with few lookups. Returns how many searches looked ahead; each where that is: on along the way by
+ * one and a half times its age but for the first tick, and no more than half as deep again, or as little. */
+static uint32_t slide(const cr_config *config, double first_m, double along_m, double into_m, int flips) {
+    cr_pose poses[SLIDES];
+    uint32_t ahead = 0u, begun = UINT32_MAX;
+    int minus_it = 0;
+    crt_restart(&wall, config);
+    cr_world *w = wall.world;
+    for (int i = 0; i < SLIDES; i++) {
+        poses[i] = crt_pose(along_m * i, 0.0, HALF_M - first_m - into_m * i);
+        minus_it ^= flips && !w->search.open && !w->found; /* as a search begins */
+        poses[i].rot = minus_it ? minus(poses[i].rot) : poses[i].rot;
+        const cr_felt last = w->answered;
+        const cr_output out = tick(&wall, &poses[i]);
+        assert_true(v3_is_finite(out.force_world_N));
+        if (w->searched.stamp == begun) {
+            continue;
+        }
+        begun = w->searched.stamp;
+        const cr_vec3 at = w->motion.last.pos_m, now = poses[begun - 1u].pos_m;
+        const uint32_t age = begun - last.stamp;
+        if (!w->looks_ahead) {
+            assert_float_equal(v3_norm(v3_sub(at, now)), 0.0f, 0.0f);
+            continue;
+        }
+        assert_true(age > 1u);
+        const double deep_m = HALF_M - (double)now.z, ticks = 1.5 * (age - 1u), near = 0.1 / 1.5 * ticks;
+        const double then_m = fmax(0.5 * deep_m, fmin(1.5 * deep_m, deep_m + into_m * ticks));
+        assert_true(fabs((double)(at.x - now.x) - along_m * ticks) < 1e-6 + along_m * near);
+        assert_true(fabs((double)at.z - (HALF_M - then_m)) < 1e-6 + 0.06 * fabs(then_m - deep_m) + fabs(into_m) * near);
+        ahead++;
+    }
+    return ahead;
+}
+
+static void search_looks_ahead_of_a_steady_motion(void **state) {
+    (void)state;
+    cr_config config = few_lookups();
+    config.skip = 0u;
+    assert_true(slide(&config, 1e-3, 1e-5, 0.0, 0) > 5u);
+    assert_true(slide(&config, 1e-3, 2e-5, 1e-5, 0) > 5u);
+    assert_true(slide(&config, 0.1e-3, 0.0, 2e-5, 0) > 5u);   /* more than half as deep again by then, if it went on */
+    assert_true(slide(&config, 1e-3, 0.0, -4e-6, 0) > 5u);    /* and less than half */
+    assert_int_equal(slide(&config, 1e-3, 1e-5, 0.0, 1), 0u); /* -q after q: as a turn that is too large */
+    config.lookups_max = CR_LOOKUPS_MAX;
+    assert_int_equal(slide(&config, 1e-3, 1e-5, 1e-5, 0), 0u); /* each answer in its tick */
+}
+
+/* A search that looks ahead and ends in its tick answers for another pose than that of the tick: it is told as late. */
+static void answer_of_a_pose_ahead_is_late(void **state) {
+    (void)state;
+    cr_config config = few_lookups();
+    config.skip = 0u;
+    crt_restart(&wall, &config);
+    cr_world *w = wall.world;
+    int i = 0;
+    for (; i < 40 || w->search.open || w->found; i++) {
+        const cr_pose pose = crt_pose(1e-5 * i, 0.0, HALF_M - 1e-3);
+        (void)tick(&wall, &pose);
+    }
+    config.lookups_max = CR_LOOKUPS_MAX;
+    assert_int_equal(cr_world_configure(w, &config), CR_OK);
+    const cr_pose first = crt_pose(1e-5 * i, 0.0, HALF_M - 1e-3), second = crt_pose(1e-5 * (i + 1), 0.0, HALF_M - 1e-3);
+    cr_output out = tick(&wall, &first);
+    assert_true(w->looks_ahead && !w->search.open && !w->found);
+    assert_int_equal(out.stats.late_ticks, 1u);
+    assert_int_equal(out.zone_count, 0u);
+    assert_float_equal(out.force_world_N.z, 1.0f, ROUNDING_N);
+    out = tick(&wall, &second);
+    assert_true(!w->looks_ahead);
+    assert_int_equal(out.stats.late_ticks, 0u);
+    assert_true(out.zone_count > 0u);
+    assert_float_equal(out.force_world_N.z, 1.0f, ROUNDING_N);
 }
 
 /* A tool at rest: the late answer is that of an unlimited search, but for rounding. */
@@ -410,6 +491,8 @@ int main(void) {
         cmocka_unit_test(late_force_ends_where_the_tool_leaves),
         cmocka_unit_test(late_answer_rises_over_the_ticks_it_took),
         cmocka_unit_test(late_answer_takes_over_in_equal_steps),
+        cmocka_unit_test(search_looks_ahead_of_a_steady_motion),
+        cmocka_unit_test(answer_of_a_pose_ahead_is_late),
         cmocka_unit_test(late_force_at_rest_is_the_whole_one),
         cmocka_unit_test(late_ticks_tell_the_age_of_the_answer),
         cmocka_unit_test(late_contact_is_forgotten_by_a_fault),

@@ -45,14 +45,14 @@ static void planes_give_the_distance_of_a_solid_from_both_sides(void **state) {
         int near = 0;
         for (int i = 0; i < POSES; i++) {
             const cr_pose pose = random_pose(&seed, 25e-3);
-            const xform now = xform_from_pose(&pose);
+            const xform now = cr_xform_from_pose(&pose);
             const struct cr_img_cluster *c = &rig.scene.clusters[(uint32_t)i % rig.scene.cluster_count];
             cr_planes planes;
             cr_heights h;
             cr_planes_turn(&rig.scene, &now, rig.scene.kind_count - 1u, &planes);
             cr_planes_measure(&planes, c, &h);
             for (int lane = 0; lane < CR_LANES; lane++) {
-                const cr_vec3 q = xform_point(&now, v3(c->x[lane], c->y[lane], c->z[lane]));
+                const cr_vec3 q = cr_xform_point(&now, v3(c->x[lane], c->y[lane], c->z[lane]));
                 const double p[3] = {(double)q.x, (double)q.y, (double)q.z}, exact = crt_distance(&solid, p);
                 float height[CR_KIND_FACETS_MAX];
                 for (uint32_t k = 0; k < planes.count; k++) {
@@ -132,7 +132,7 @@ static void planes_that_do_not_matter_are_left_out(void **state) {
     crt_solid box = crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0);
     open_cube_on(&rig, &box);
     const cr_pose pose = crt_pose(0.0, 0.0, 0.0);
-    const xform now = xform_from_pose(&pose);
+    const xform now = cr_xform_from_pose(&pose);
     cr_planes all, one;
     cr_planes_turn(&rig.scene, &now, rig.scene.kind_count - 1u, &all);
     assert_ptr_equal(cr_planes_alone(&all, v3(-2e-3f, 0.0f, 0.0f), 3e-3f, 1e-3f, &one), &all);

@@ -209,7 +209,7 @@ static void deepest_group_is_as_deep_as_its_deepest_point(void **state) {
     for (int n = 0; n < 300; n++) {
         cr_pose pose = crt_pose(crt_uniform(&seed, -8e-3, 8e-3), crt_uniform(&seed, -8e-3, 8e-3), 0.0);
         pose.rot = crt_random_rotation(&seed);
-        xform now = xform_from_pose(&pose);
+        xform now = cr_xform_from_pose(&pose);
         double low = 0.0, depth = crt_uniform(&seed, 0.5e-3, 3e-3);
         for (int k = 0; k < 8; k++) {
             cr_vec3 v = v3(k & 1 ? (float)HALF_M : -(float)HALF_M, k & 2 ? (float)HALF_M : -(float)HALF_M,

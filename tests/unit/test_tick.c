@@ -290,7 +290,7 @@ static float share_left(const crt_rig *rig, const cr_pose *pose, float *depth) {
 /* How deep a cube of half side HALF_M reaches into the quadrant x < 0, z < 0, by geometry alone: the smaller of the two heights is
  * largest on an edge of the cube. */
 static float reach_into_quadrant(const cr_pose *pose) {
-    xform now = xform_from_pose(pose);
+    xform now = cr_xform_from_pose(pose);
     float most = -1.0f;
     for (int axis = 0; axis < 3; axis++) {
         for (int corner = 0; corner < 4; corner++) {
@@ -299,7 +299,7 @@ static float reach_into_quadrant(const cr_pose *pose) {
                 float one = (float)HALF_M * (corner & 1 ? 1.0f : -1.0f),
                       two = (float)HALF_M * (corner & 2 ? 1.0f : -1.0f);
                 cr_vec3 v = axis == 0 ? v3(along, one, two) : axis == 1 ? v3(one, along, two) : v3(one, two, along);
-                cr_vec3 p = xform_point(&now, v);
+                cr_vec3 p = cr_xform_point(&now, v);
                 most = max_f(most, min_f(-p.x, -p.z));
             }
         }

@@ -268,7 +268,7 @@ static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
 static void answers_that_say_the_same_change_nothing(void **state) {
     (void)state;
     const cr_pose pose = pressed(1e-3);
-    for (uint32_t count = 1u; count <= CR_BEHIND_MAX + 2u; count++) {
+    for (uint32_t count = 1u; count <= CR_AREAS_MAX; count++) {
         cr_hand answer = {.count = count};
         restart(&wall);
         cr_world *w = wall.world;

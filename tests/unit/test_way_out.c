@@ -379,7 +379,7 @@ static void contacts_beyond_their_room_are_counted(void **state) {
     const crt_solid room = crt_room(-30e-3, 20e-3, 30e-3, -30e-3, 20e-3);
     const cr_config config = way_out();
     const cr_pose pose = crt_pose(20e-3 - HALF_M + 1e-3, 0.0, 20e-3 - HALF_M + 0.7e-3);
-    const xform at = xform_from_pose(&pose);
+    const xform at = cr_xform_from_pose(&pose);
     const cr_detect_options options = {
         .skip = CR_SKIP_ALL, .lookups_max = UINT32_MAX, .slices_max = CR_SEARCH_TICKS_MAX};
     cr_descent search = {0};

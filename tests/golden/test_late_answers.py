@@ -1,0 +1,60 @@
+"""A board's late answers, 40 units of work a tick, against those of ticks that have all they need, by five hands."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "bench"))
+
+from late import HANDS, along, handled, measure  # noqa: E402
+
+BOUNDS_MM = {
+    "edge90_cube": (0.030, 0.038, 0.038, 0.040, 0.026),
+    "corner3_cube": (0.018, 0.022, 0.022, 0.027, 0.016),
+    "step_cube": (0.017, 0.026, 0.022, 0.024, 0.014),
+    "wall_cube": (0.15, 0.24, 0.20, 0.20, 0.10),
+    "groove_block": (0.008, 0.016, 0.021, 0.010, 0.006),
+}
+"""Force over stiffness, RMS in contact, by hand. A search that does not look ahead exceeds each, most threefold."""
+CASES = [
+    (scene, hand, bound)
+    for scene, bounds in BOUNDS_MM.items()
+    for hand, bound in zip(HANDS, bounds, strict=True)
+]
+
+
+@pytest.mark.parametrize(("scene", "hand", "bound"), CASES)
+def test_late_answers_are_near_those_of_ticks_that_have_all_they_need(
+    scene: str, hand: str, bound: float
+) -> None:
+    late = measure(scene, hand)
+    assert late.late > 0.5
+    assert late.rms_mm < bound
+    assert late.step_mm < 1.3 * late.whole_step_mm + 0.2
+
+
+def test_force_of_many_half_spaces_does_not_jump() -> None:
+    """bar_u has up to nine: what was felt before an answer falls whatever their number."""
+    late = measure("bar_u", "steady")
+    assert late.late > 0.9
+    assert late.step_mm < 1.3 * late.whole_step_mm
+    assert late.rms_mm < 0.1
+
+
+def test_hands_go_along_the_path() -> None:
+    """Each begins where the path does, stays on it and gets over two thirds of it; one goes back, one halts."""
+    for hand in HANDS:
+        at = along(3000, hand)
+        assert at[0] == pytest.approx(0.0, abs=2.0)
+        assert at.min() >= 0.0
+        assert 2000.0 < at[-1] <= 2999.0
+        assert (np.diff(at) < 0.0).any() == (hand == "back and forth")
+    assert (np.diff(along(3000, "halts")) == 0.0).sum() > 1000
+    rows = np.column_stack([np.arange(100.0), np.zeros((100, 3)), np.ones(100), np.zeros((100, 3))])
+    assert 1e-4 < np.abs(handled(rows, "trembles")[:, 1:4]).max() < 3e-4
+    assert np.array_equal(handled(rows, "steady"), rows)
