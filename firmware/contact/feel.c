@@ -170,7 +170,7 @@ static void forget_contact(cr_world *w) {
 
 /* How much of the contact in hand is felt at the feel with this stamp. */
 static float share_of_hand(const cr_world *w, uint32_t stamp) {
-    const uint32_t rises = w->taken - w->hand.stamp, risen = stamp - w->taken + 1u;
+    const uint32_t rises = w->taken - w->hand.stamp + w->hand.ahead, risen = stamp - w->taken + 1u;
     return risen < rises ? (float)risen / (float)rises : 1.0f;
 }
 
@@ -184,19 +184,19 @@ static void put_behind(cr_behind *behind, const cr_held *held, float share) {
 static void move_behind(cr_world *w, uint32_t room) {
     const cr_behind before = w->behind;
     const int both = w->hand.count + before.count <= room;
-    const float share = both ? share_of_hand(w, w->felt.stamp - 1u) : 1.0f;
+    const float share = both || w->hand.count == 0u ? share_of_hand(w, w->felt.stamp - 1u) : 1.0f;
     w->behind.count = 0u;
     for (uint32_t i = 0; i < w->hand.count; i++) {
         put_behind(&w->behind, &w->hand.held[i], share);
     }
-    for (uint32_t i = 0; i < before.count && share < 1.0f; i++) {
+    for (uint32_t i = 0; w->behind.count < room && i < before.count && share < 1.0f; i++) {
         put_behind(&w->behind, &before.held[i], before.share[i] * (1.0f - share));
     }
 }
 
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
     const uint32_t room = CR_AREAS_MAX - answer->count; /* of areas, for what falls beside it */
-    const int rises = w->felt.stamp - answer->stamp > 1u && w->hand.count <= room;
+    const int rises = w->felt.stamp - answer->stamp + answer->ahead > 1u && w->hand.count <= room;
     if (rises) {
         move_behind(w, room);
     } else {
@@ -204,6 +204,7 @@ void cr_take_hand(cr_world *w, const cr_hand *answer) {
     }
     w->taken = rises ? w->felt.stamp : answer->stamp;
     w->hand.stamp = answer->stamp;
+    w->hand.ahead = answer->ahead;
     w->hand.count = answer->count;
     if (answer->count > 0u) {
         memcpy(w->hand.held, answer->held, answer->count * sizeof *answer->held);

@@ -36,6 +36,13 @@ static inline int is_finite_f(float a) { return a - a == 0.0f; }
 #define CR_IN_LINE static inline
 #endif
 
+/* And what is rare, in a function that must not save registers for it. */
+#if defined(__GNUC__)
+#define CR_OUT_OF_LINE static __attribute__((noinline))
+#else
+#define CR_OUT_OF_LINE static
+#endif
+
 /* Lowest set bit of a non-zero mask of lanes, taken out of the mask. */
 CR_IN_LINE int take_lane(uint32_t *lanes) {
     CR_ASSERT(*lanes != 0u);

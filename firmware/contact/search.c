@@ -8,7 +8,7 @@
  * tool is expected to leave would be felt no more. */
 #define DEEPER 0.5f
 
-void cr_drop_search(cr_world *w) { w->search.open = w->found = w->answering = 0u; }
+void cr_drop_search(cr_world *w) { w->search.open = w->found = w->answering = w->again = 0u; }
 
 /* Areas, without force yet, of the contact that was found at a pose: the response of the settings. Returns 0 when the work of this slice was not enough;
  * then it goes on in the next one. */
@@ -46,55 +46,95 @@ static void keep(const xform *at, const cr_area *areas, cr_hand *hand) {
     }
 }
 
-/* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered. */
-static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *hand, cr_area *areas, cr_stats *stats) {
-    hand->count = 0u;
-    if (w->set.hit_count > 0u) {
-        if (!respond(w, at, slice, hand, areas, stats)) {
-            return 0;
-        }
-        keep(at, areas, hand);
-        stats->contacts = w->set.contacts;
-        stats->clusters = w->set.hit_count;
-        w->answering = 0u;
-        w->answered = w->searched;
-    }
-    w->found = 0u;
-#ifdef CR_RIVALS
-    w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
-#endif
-    return 1;
-}
+/* Whether a search looks where the tool is, or ahead of it, and whether it was in a contact in hand then. */
+enum { CR_AT, CR_AHEAD, CR_AHEAD_OF_CONTACT };
 
 /* Where the tool is when the answer of a search that begins now is felt, if it goes on as it did since the last answer's began and takes as long: that comes after
- * as many feels as it is old, and is the newest for as many. No contact in hand gets much deeper on the way: a hand that presses is stopped. Returns 0 where
- * that is not known: after an answer that took one feel or found nothing, and of a tool that turned by more than 8 degrees (or whose quaternion is -q after q). */
-static int look_ahead(const cr_world *w, const cr_felt *newest, cr_pose *ahead) {
+ * as many feels as it is old, and is the newest for as many. No point of the tool goes farther than samples are apart, and none of a contact in hand gets much deeper:
+ * what is thin is not passed, and a hand that presses is stopped. Returns CR_AT where that is not known: after an answer that took one feel, found nothing, or is
+ * too old to be felt. */
+CR_OUT_OF_LINE uint32_t look_ahead(const cr_world *w, const cr_felt *newest, cr_pose *ahead) {
     const uint32_t age = newest->stamp - w->answered.stamp;
-    if (age <= 1u || newest->memory != w->answered.memory) {
-        return 0;
+#ifdef CR_RIVALS
+    if (w->config.response != CR_RESPONSE_WAY_OUT) {
+        return CR_AT;
     }
-    const float lead = AHEAD * (float)(age - 1u) / (float)age, on = 1.0f + lead;
-    const cr_vec3 now_m = newest->pose.pos_m;
+#endif
+    if (age <= 1u || age > w->late_max || newest->memory != w->answered.memory) {
+        return CR_AT;
+    }
+    const struct cr_img_meta *m = w->scene.meta;
+    const cr_vec3 way_m = v3_sub(newest->pose.pos_m, w->answered.pose.pos_m);
     const cr_quat q = newest->pose.rot, last = w->answered.pose.rot;
-    const cr_pose straight = {
-        v3_mad(now_m, v3_sub(now_m, w->answered.pose.pos_m), lead),
-        {on * q.w - lead * last.w, on * q.x - lead * last.x, on * q.y - lead * last.y, on * q.z - lead * last.z}};
+    const cr_quat by = {q.w - last.w, q.x - last.x, q.y - last.y, q.z - last.z};
+    const float turn_rad = 2.0f * sqrtf(by.w * by.w + by.x * by.x + by.y * by.y + by.z * by.z);
+    const float far_m = v3_norm(way_m) + turn_rad * m->tool_radius_m;
+    const float lead = lower_f(AHEAD * (float)(age - 1u) / (float)age, m->spacing_m / far_m);
+    const cr_pose straight = {v3_mad(newest->pose.pos_m, way_m, lead),
+                              {q.w + lead * by.w, q.x + lead * by.x, q.y + lead * by.y, q.z + lead * by.z}};
     if (cr_check_pose(&straight, ahead) != 0u) {
-        return 0;
+        return CR_AT;
     }
     const xform now = cr_xform_from_pose(&newest->pose);
     xform then = cr_xform_from_pose(ahead);
+    float deepest_m = 0.0f;
     for (uint32_t i = 0; i < w->made.count; i++) {
         const cr_held *h = &w->made.held[i];
         const float deep_m = cr_held_depth(h, cr_xform_point(&now, h->point_tool_m));
+        deepest_m = higher_f(deepest_m, deep_m);
         const float then_m = cr_held_depth(h, cr_xform_point(&then, h->point_tool_m));
         const float low_m = deep_m > 0.0f ? deep_m * (1.0f - DEEPER) : then_m;
         const float high_m = max_f(0.0f, deep_m * (1.0f + DEEPER));
         then.t = v3_mad(then.t, h->normal_world, then_m - clamp_f(then_m, low_m, high_m));
     }
     ahead->pos_m = then.t;
-    return 1;
+    if (!v3_is_finite(then.t)) {
+        return CR_AT;
+    }
+    return deepest_m > 0.0f ? CR_AHEAD_OF_CONTACT : CR_AHEAD;
+}
+
+/* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered: that nothing touches there is no answer where the tool, when
+ * it was felt, was in a contact that is in hand. */
+static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *hand, cr_area *areas, cr_stats *stats) {
+    const uint32_t in_hand = hand->count;
+    if (w->set.hit_count > 0u) {
+        if (!respond(w, at, slice, hand, areas, stats)) {
+            return 0;
+        }
+        stats->contacts = w->set.contacts;
+        stats->clusters = w->set.hit_count;
+        w->answering = 0u;
+        hand->ahead = (uint32_t)(w->looks_ahead != CR_AT);
+    } else {
+        hand->count = hand->ahead = 0u;
+    }
+    w->found = 0u;
+#ifdef CR_RIVALS
+    w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
+#endif
+    if (hand->count > 0u) {
+        keep(at, areas, hand);
+        w->answered = w->searched;
+    } else if (w->looks_ahead == CR_AHEAD_OF_CONTACT) {
+        hand->count = in_hand;
+        w->again = 1u;
+    }
+    return !w->again;
+}
+
+/* The pose to search at: that which is expected when the answer is felt, or the newest; or again the last, where it was expected elsewhere. */
+static void begin(cr_world *w, const cr_felt *newest) {
+    cr_pose ahead;
+    if (w->again) {
+        w->again = 0u;
+        w->looks_ahead = CR_AT;
+        cr_motion_advance(&w->motion, &w->searched.pose);
+        return;
+    }
+    w->searched = *newest;
+    w->looks_ahead = w->made.count > 0u ? look_ahead(w, newest, &ahead) : (uint32_t)CR_AT;
+    cr_motion_advance(&w->motion, w->looks_ahead != CR_AT ? &ahead : &newest->pose);
 }
 
 int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, cr_hand *hand, cr_area *areas,
@@ -108,13 +148,10 @@ int cr_search_slice(cr_world *w, const cr_felt *newest, const cr_slice *slice, c
 #endif
     }
     if (!w->search.open && !w->found) {
-        w->searched = *newest;
 #ifdef CR_RIVALS
         w->proxy.device_m = w->motion.valid ? w->motion.last.pos_m : newest->pose.pos_m;
 #endif
-        cr_pose ahead;
-        w->looks_ahead = w->made.count > 0u && look_ahead(w, newest, &ahead);
-        cr_motion_advance(&w->motion, w->looks_ahead ? &ahead : &newest->pose);
+        begin(w, newest);
     }
     const xform at = cr_xform_from_pose(&w->motion.last);
     const cr_detect_options options = {

@@ -7,7 +7,7 @@
 /* What was made at the pose that was searched at. In free space it must cost nothing. */
 static void take_made(cr_world *w) {
     if (w->made.count + w->in_hand > 0u) {
-        w->made.stamp = w->searched.stamp - w->looks_ahead;
+        w->made.stamp = w->searched.stamp - (uint32_t)(w->made.ahead > 0u && w->searched.stamp == w->felt.stamp);
         cr_take_hand(w, &w->made);
     } else {
         w->hand.stamp = w->searched.stamp;
@@ -33,7 +33,7 @@ uint32_t cr_search(cr_world *w, uint32_t work) {
     }
     /* One answer after another, each of which is felt: where the next one looks hangs on it. */
     const int waits = w->wanted.stamp == w->made.stamp || w->wanted.hand != w->made.stamp;
-    if (waits && w->wanted.memory == w->made.memory && !w->search.open && !w->found) {
+    if (waits && w->wanted.memory == w->made.memory && !w->search.open && !w->found && !w->again) {
         return 0u;
     }
     if (cr_search_slice(w, &w->wanted, &slice, &w->made, w->way.areas, &stats)) {

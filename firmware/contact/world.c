@@ -46,6 +46,7 @@ cr_err cr_world_init(cr_world **world, void *memory, size_t size_bytes, const cr
 #endif
     w->scene = *scene;
     w->config = *config;
+    w->late_max = CR_LATE_MOST;
     cr_field_init(&w->field, &w->scene);
     *world = w;
     return CR_OK;

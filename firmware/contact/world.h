@@ -23,6 +23,7 @@ typedef struct {
 /* The contact at the pose with these two numbers. */
 typedef struct {
     uint32_t stamp, memory;
+    uint32_t ahead; /* 1: where the tool was expected to be by now */
     uint32_t count;
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
@@ -41,6 +42,8 @@ typedef struct {
 
 #define CR_WORDS_OF(type) ((uint32_t)(sizeof(type) / sizeof(uint32_t)))
 
+#define CR_LATE_MOST 255u
+
 struct cr_world {
     cr_scene scene;
     cr_field field;
@@ -50,10 +53,11 @@ struct cr_world {
     cr_felt felt;     /* the last */
     cr_pose previous; /* the last good one */
     uint32_t has_previous, faults;
-    cr_hand hand;     /* the newest contact, */
-    uint32_t taken;   /* taken up at the feel with this stamp: it rises over as many as it is old then, */
-    cr_behind behind; /* while this falls; */
-    uint32_t in_hand; /* half-spaces of both */
+    cr_hand hand;      /* the newest contact, */
+    uint32_t taken;    /* taken up at the feel with this stamp: it rises over as many as it is old then, */
+    cr_behind behind;  /* while this falls; */
+    uint32_t in_hand;  /* half-spaces of both */
+    uint32_t late_max; /* who feels lets go of an answer that is older, in feels */
 
     /* between them */
     _Atomic uint32_t poses, hands;
@@ -64,8 +68,9 @@ struct cr_world {
     cr_motion motion;
     cr_descent search;
     cr_felt searched;     /* the one that is searched for, at motion.last: */
-    uint32_t looks_ahead; /* 1: where it is expected when it is answered */
+    uint32_t looks_ahead; /* not 0: where it is expected when it is answered */
     cr_felt answered;     /* the last that was, and touched */
+    uint32_t again;       /* 1: where it was expected nothing touched: once more, where it was */
     uint32_t found;       /* 1: at its end, and not answered yet */
     uint32_t answering;   /* 1: the answer has begun */
     cr_felt wanted;       /* the newest pose */

@@ -88,7 +88,7 @@ static cr_vec3 quat_rotate(cr_quat q, cr_vec3 v) {
 
 /* Yaw about Z, then pitch about the new Y, then roll about the new X. */
 static cr_quat wrist_rotation(const float wrist_rad[3]) {
-    float s[3], c[3];
+    float s[3] = {0.0f, 0.0f, 0.0f}, c[3] = {1.0f, 1.0f, 1.0f};
     for (int i = 0; i < 3; i++) {
         cr_sincos(0.5f * wrist_rad[i], &s[i], &c[i]);
     }

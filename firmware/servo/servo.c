@@ -43,6 +43,7 @@ cr_err cr_servo_init(cr_servo **servo, void *memory, size_t size_bytes, const cr
     /* Cannot fail: cr_servo_size asked for all that it checks. */
     (void)cr_world_init(&s->world, (uint8_t *)memory + own, size_bytes - own, scene, &config->world);
     s->config = *config;
+    s->world->late_max = config->late_max_ticks > 0u ? config->late_max_ticks : CR_LATE_MOST;
     cr_bus_reset(&s->bus, s->config.axis);
     cr_control_reset(&s->control);
     *servo = s;

@@ -16,5 +16,6 @@
 
 #define float double
 #define sqrtf sqrt
+#define fabsf fabs
 
 #endif

@@ -387,6 +387,32 @@ static void search_looks_ahead_of_a_steady_motion(void **state) {
     assert_int_equal(slide(&config, 1e-3, 1e-5, 1e-5, 0), 0u); /* each answer in its tick */
 }
 
+/* A tool that slides off a block, its last half millimetre on it, and halts: where a search expects it to have left it is in contact still. */
+static void contact_is_felt_until_it_is_left(void **state) {
+    (void)state;
+    cr_config config = few_lookups();
+    config.skip = 0u;
+    uint32_t again = 0u, halted = 0u;
+    for (int k = 0; k < 20; k++) {
+        uint32_t late = 0u;
+        crt_restart(&edge, &config);
+        const cr_world *w = edge.world;
+        for (int i = 0; i < 160; i++) {
+            const double on_m =
+                fmax(1.2e-3 - 1.5e-5 * i, 0.05e-3 + 0.02e-3 * k); /* so far the block reaches below the tool */
+            const cr_pose pose = crt_pose(HALF_M - on_m, 0.0, HALF_M - 0.02e-3);
+            const cr_output out = tick(&edge, &pose);
+            late += out.area_count > 0u;
+            again += w->again;
+            halted += on_m < 0.5e-3;
+            assert_true(late < 40u || out.force_world_N.z > 0.5f * STIFFNESS_N_M * 0.02e-3f);
+        }
+        assert_true(late > 100u);
+    }
+    print_message("%u searches again\n", again);
+    assert_true(again > 0u && halted > 100u);
+}
+
 /* A search that looks ahead and ends in its tick answers for another pose than that of the tick: it is told as late. */
 static void answer_of_a_pose_ahead_is_late(void **state) {
     (void)state;
@@ -493,6 +519,7 @@ int main(void) {
         cmocka_unit_test(late_answer_takes_over_in_equal_steps),
         cmocka_unit_test(search_looks_ahead_of_a_steady_motion),
         cmocka_unit_test(answer_of_a_pose_ahead_is_late),
+        cmocka_unit_test(contact_is_felt_until_it_is_left),
         cmocka_unit_test(late_force_at_rest_is_the_whole_one),
         cmocka_unit_test(late_ticks_tell_the_age_of_the_answer),
         cmocka_unit_test(late_contact_is_forgotten_by_a_fault),

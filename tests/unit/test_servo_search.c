@@ -195,6 +195,32 @@ static void search_that_stands_still_is_none_while_nothing_is_rendered(void **st
     crt_loop_free(&l);
 }
 
+/* An answer that is too old to be felt is in no recording: the search after it does not look ahead by it. */
+static void recording_with_an_answer_that_was_too_old_runs_again_to_the_bit(void **state) {
+    (void)state;
+    uint32_t too_old = 0u;
+    for (uint32_t phase = 100u; phase < 124u; phase += 3u) {
+        crt_loop l = crt_loop_make_beside(LATE_MAX);
+        assert_true(crt_loop_run_until(&l, CR_MODE_IDLE, 2000u));
+        l.target[0] = 0.07;
+        l.target[2] = 0.02;
+        for (uint32_t k = 0; k < 1400u; k++) {
+            crt_loop_period(&l);
+        }
+        l.search_work = 24u;
+        for (uint32_t k = 0; k < 500u; k++) {
+            l.search[1] = k < phase || k >= phase + LATE_MAX + 20u;
+            l.target[0] = 0.072 + 0.012 * sin((double)k * 0.03);
+            l.target[2] = 0.02 + 0.005 * sin((double)k * 0.05);
+            crt_loop_period(&l);
+            too_old += cr_servo_get_record(l.servo)->contact_late_ticks == LATE_MAX + 1u;
+        }
+        assert_int_equal(run_again(&l, l.records, 1u).different, 0);
+        crt_loop_free(&l);
+    }
+    assert_true(too_old > 100u);
+}
+
 /* Force of a world that searches in its tick, at the pose of a record. */
 static float force_at(cr_world *world, const cr_record *r) {
     cr_output out;
@@ -254,6 +280,7 @@ int main(void) {
         cmocka_unit_test(age_of_contact_counts_poses_that_were_felt),
         cmocka_unit_test(search_that_never_answered_is_a_fault_too),
         cmocka_unit_test(search_that_stands_still_is_none_while_nothing_is_rendered),
+        cmocka_unit_test(recording_with_an_answer_that_was_too_old_runs_again_to_the_bit),
         cmocka_unit_test(what_is_felt_is_what_a_tick_would_answer),
         cmocka_unit_test(servo_that_searches_in_its_tick_has_nothing_to_search_beside),
     };

@@ -226,7 +226,7 @@ static void feel_of_a_wall_is_that_of_the_pose_at_any_rate(void **state) {
     for (uint32_t rate = 0; rate < 4u; rate++) {
         restart(&wall);
         uint32_t felt = 0u, oldest = 0u, before = 0u;
-        crt_rise first = {0u, 0u, 0};
+        crt_rise first = {0u, 0u, 0, 0u};
         for (int i = 0; i < 2000; i++) {
             const double depth = 1e-3 + 0.5e-3 * sin(0.01 * i);
             const cr_pose pose = pressed(depth);

@@ -56,7 +56,7 @@ static void feel_and_search_in_two_threads_answer_the_pose_at_hand(void **state)
     (void)state;
     pthread_t thread;
     uint32_t felt = 0u, answers = 0u, before = 0u;
-    crt_rise first = {0u, 0u, 0};
+    crt_rise first = {0u, 0u, 0, 0u};
     atomic_store(&ended, 0);
     assert_int_equal(pthread_create(&thread, NULL, search_on, &wall), 0);
     const time_t until = time(NULL) + PATIENCE_S;

@@ -281,8 +281,9 @@ def flat_facets(
     """Facets whose distances are those of planes: alone in their patch, at a crease, or all that some brick sees.
 
     The others are facets of a round surface, and are felt as the patch in all of their cells: where some were planes,
-    the force would jump as samples come from the ones to the others. Where no facet of a patch is as wide as two
-    samples are apart the planes are felt as the patch too, with distances of planes: second result.
+    the force would jump as samples come from the ones to the others. So are those that cells beside other patches see,
+    deep inside too, with distances of planes, and where no facet of a patch is as wide as two samples are apart all
+    planes: second result.
     Shapes: facet (bricks, 9, 9, 9).
     """
     triangles, patch = surface.mesh.triangles, surface.patch_of[:, None]
@@ -294,7 +295,7 @@ def flat_facets(
     seen = facet.reshape(len(facet), -1)
     flat[seen[(seen == seen[:, :1]).all(axis=1), 0]] = True
     flat[surface.facet_of[(low != high)[triangles].any(axis=1)]] = True
-    return flat, flat & surface.fine[surface.facet_patch]
+    return flat, ~flat | surface.fine[surface.facet_patch]
 
 
 def _sets(facet: I32) -> list[tuple[int, ...]]:
