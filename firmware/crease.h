@@ -218,9 +218,10 @@ void cr_world_clear_fault(cr_world *world);
 /* Purpose  one tick: where the tool is, and how long since the last tick -> wrench and report.
  * Units    period_s in (0, 1].   Output  finite and within limits; zero with out->faults set on bad input.
  * Late     an answer that needs more work than lookups_max is found over several ticks, at one pose: where the tool will be when it is
- *          felt, as the answer before and the motion since tell. Meanwhile the last areas are answered: their planes stay, their
- *          points move with the tool, zones are not reported. An answer that is n > 1 ticks old then rises over n, in equal parts,
- *          and what was felt before falls; where both together have more than CR_AREAS_MAX half-spaces it comes at once.
+ *          felt, as the answer before and the motion since tell, no farther than samples are apart. Meanwhile the last areas are
+ *          answered: their planes stay, their points move with the tool, zones are not reported. An answer that is n > 1 ticks old
+ *          then rises over n, or n + 1 where it looked ahead, in equal parts, and what was felt before falls; where both together
+ *          have more than CR_AREAS_MAX half-spaces it comes at once.
  * Errors   none: see faults and stats.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);

@@ -74,7 +74,7 @@ struct cr_world {
     uint32_t found;       /* 1: at its end, and not answered yet */
     uint32_t answering;   /* 1: the answer has begun */
     cr_felt wanted;       /* the newest pose */
-    cr_hand made;         /* the last answer, by cr_search */
+    cr_hand made;         /* the last answer */
     cr_contact_set set;
     cr_way_work way;
 #ifdef CR_RIVALS
