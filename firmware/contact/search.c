@@ -88,10 +88,8 @@ CR_OUT_OF_LINE uint32_t look_ahead(const cr_world *w, const cr_felt *newest, cr_
         then.t = v3_mad(then.t, h->normal_world, then_m - clamp_f(then_m, low_m, high_m));
     }
     ahead->pos_m = then.t;
-    if (!v3_is_finite(then.t)) {
-        return CR_AT;
-    }
-    return deepest_m > 0.0f ? CR_AHEAD_OF_CONTACT : CR_AHEAD;
+    const uint32_t where = deepest_m > 0.0f ? CR_AHEAD_OF_CONTACT : CR_AHEAD;
+    return v3_is_finite(then.t) ? where : (uint32_t)CR_AT;
 }
 
 /* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered: that nothing touches there is no answer where the tool, when
