@@ -52,7 +52,7 @@ void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
     if (m->valid) {
         cr_quat a = m->last.rot, b = pose->rot;
         float dw = b.w - a.w, dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
-        /* |2 sin(angle / 2)| <= 2 |dq|, and more where -q comes after q: then all wakes. Both odometers are rounded up. */
+        /* |2 sin(angle / 2)| <= 2 |dq|, and more where -q comes after q: then more wakes. Both odometers are rounded up. */
         const float turn_rad = 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
         add_up(&m->turn_rad, &m->turn_lost_rad, turn_rad);
         add_up(&m->slide_m, &m->slide_lost_m, v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f);

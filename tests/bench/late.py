@@ -1,6 +1,6 @@
 """What late answers cost: the force of a board, 40 units of work a tick, beside that of ticks that have all they need.
 
-    .venv/bin/python tests/bench/late.py [SCENE ...]      a row of TICK.md for each scene and hand, half a minute
+    .venv/bin/python tests/bench/late.py [SCENE ...]      figures of TICK.md for each scene and hand, a few seconds
 
 The paths of the golden scenes go on at one speed, which is the easiest for a search that looks ahead. So they are gone
 along as a hand might: it stops and goes, goes back and forth, halts at once, trembles.
