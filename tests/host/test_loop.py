@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +149,17 @@ def test_path_at_another_speed_keeps_its_way_and_starts_smoothly(folder: Path) -
     assert path.position_m[-1] == pytest.approx([0.1, 0.0, 0.0])
     assert np.median(speed) == pytest.approx(0.05, rel=0.01)
     assert np.abs(np.diff(speed)).max() < 1e-3
+
+
+def radius_of_pad_m(folder: Path) -> float:
+    """For another process, which cannot be sent a scene."""
+    return float(pad_scene(folder, 3e-3).meta.tool_radius_m)
+
+
+def test_several_may_make_an_image_at_once(tmp_path: Path) -> None:
+    """Each of its files is there whole or not at all: one process read a mesh that another had begun to write."""
+    with ProcessPoolExecutor(4, mp_context=get_context("spawn")) as pool:
+        assert len(set(pool.map(radius_of_pad_m, [tmp_path] * 8))) == 1
 
 
 # --------------------------------------------------------------------------------------------------------- claims

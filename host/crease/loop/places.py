@@ -100,7 +100,10 @@ def pad_scene(folder: Path, spacing_m: float = 0.4e-3) -> Scene:
 
 
 def _bake(folder: Path, name: str, meshes_mm: dict[str, Any], spacing_m: float) -> Scene:
-    """The image of two meshes, static first; kept while it is newer than what makes it."""
+    """The image of two meshes, static first; kept while it is newer than what makes it.
+
+    Several may make it at once: each file is there whole or not at all.
+    """
     from crease.bake.bake import BakeOptions, bake_scene
     from crease.bake.scene_list import is_newer
     from crease.base.table import write_bytes
@@ -110,7 +113,7 @@ def _bake(folder: Path, name: str, meshes_mm: dict[str, Any], spacing_m: float) 
     if not is_newer(image, Path(__file__)):
         folder.mkdir(parents=True, exist_ok=True)
         for part, mesh in meshes_mm.items():
-            mesh.export(folder / f"{part}.stl")
+            write_bytes(folder / f"{part}.stl", mesh.export(file_type="stl"))
         static, tool = (load_mesh(folder / f"{part}.stl", 1e-3) for part in meshes_mm)
         options = BakeOptions(voxel_m=2e-3, spacing_m=spacing_m)
         write_bytes(image, bake_scene(static, tool, options, lambda _label, _part: None).image)
