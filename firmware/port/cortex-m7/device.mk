@@ -30,7 +30,7 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 	@echo "$(1): $$<"
 	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
-# Set-up, frames and what is done once a period or an answer, which no search waits for, and what stands between lookups of the coupling: small, not fast.
+# Set-up, frames and what is done once a period or an answer, which no search waits for; of the coupling what stands between lookups, or takes as long either way: small, not fast.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
