@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from crease.bake.layout import CLUSTER, LANES, SUM
 from crease.bake.samples import Samples
-from crease.bake.vectors import F64, I64, rounded_up, unit
+from crease.bake.vectors import F64, I64, rounded_up, unit, without_dust
 from crease.base.native import ffi, lib
 
 CLUSTER_NORMAL_WEIGHT = 0.8
@@ -67,12 +67,16 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
     lanes = np.concatenate(groups)[first[:, None] + np.where(real, lane, 0)]
     out = np.zeros(len(groups), CLUSTER)
     position, area = samples.position_m[lanes], samples.area_m2[lanes]
+    size = np.linalg.norm(area, axis=2)
+    area = without_dust(area, size[:, :, None])
+    spread = 12 * samples.spread_m2[lanes]
+    spread = without_dust(spread, np.abs(spread).max(axis=(2, 3), keepdims=True))
     for k, axis in enumerate("xyz"):
         out[axis] = position[:, :, k]
         out["a" + axis] = area[:, :, k] * real
-    out["area"] = np.linalg.norm(area, axis=2) * real
+    out["area"] = size * real
     for name, (i, j) in SPREAD_FIELDS.items():
-        out[name] = 12 * samples.spread_m2[lanes, i, j]
+        out[name] = spread[:, :, i, j]
     out["ramp"] = rounded_up(samples.ramp_m[lanes])
     out["reach"] = samples.reach_m[lanes] * real
     out["bow"] = np.where(samples.bow_m[lanes] > 0, rounded_up(samples.bow_m[lanes]), 0)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from crease.bake.layout import FACET, KIND
 from crease.bake.surface import Surface
+from crease.bake.vectors import without_dust
 from crease.base.native import ffi, lib
 
 F64 = npt.NDArray[np.float64]
@@ -82,7 +83,7 @@ class Kinds:
             row["facet"][: len(facets)] = facets
         planes = np.zeros(len(self._planes), FACET)
         for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
-            row["normal"], row["offset_m"] = plane[:3], plane[3]
+            row["normal"], row["offset_m"] = without_dust(np.array(plane[:3]), 1.0), plane[3]
             row["patch"], row["curved"] = patch, curved
         return kinds, planes
 
