@@ -314,6 +314,16 @@ class Programme:
         self.least.append((total, runs * begun))
         self.said.append(f"{loop.name} @ {copy[0]}: at most {most:g}")
 
+    def _bodies(self, copy: Copy, loop: Loop) -> Sum:
+        """How often the body of a loop begins: as its head runs, or goes on from there, when it tests first."""
+        head = self.code.functions[self.name_of(copy)].blocks[loop.head]
+        on = [after for after in head.next if after in loop.blocks]
+        if loop.bottom or len(on) == len(head.next):
+            row: Sum = {self.blocks[copy, loop.head]: 1.0}
+            return row | self._returns_in(copy, loop.blocks)
+        row = {self.edges[copy, loop.head, after]: 1.0 for after in on}
+        return row | self._returns_in(copy, loop.blocks - {loop.head})
+
     # ------------------------------------------------------------------------------------------------------- places
 
     def place(self, text: str) -> tuple[list[Sum], float]:
@@ -358,8 +368,7 @@ class Programme:
                     if what not in (loop.name, loop.name.rpartition(" #")[0]):
                         continue
                     if kind == "loop":
-                        add({self.blocks[copy, loop.loop.head]: 1.0})
-                        add(self._returns_in(copy, loop.loop.blocks))
+                        add(self._bodies(copy, loop.loop))
                     elif kind == "into" and loop.outer == loop.loop:
                         more, one = self.into(copy, loop.loop)
                         add(more)

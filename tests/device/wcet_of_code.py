@@ -35,6 +35,14 @@ TWO_ENTRIES = """
     bne 1b              @ 1 each time
     bx lr               @ 1
 """
+TESTS_FIRST = """
+    movs r1, #8         @ 1
+1:  subs r1, #1         @ 1 each time, and once more
+    bmi 2f              @ 1 each time, and once more
+    ldr r2, [r0]        @ 1 each time
+    b 1b                @ 1 each time
+2:  bx lr               @ 1
+"""
 NESTED = """
 int sum(const int *of, int rows, volatile int *to);
 int sum(const int *of, int rows, volatile int *to) {
@@ -125,6 +133,14 @@ def test_loop_that_is_entered_in_two_places_is_bounded(tmp_path: Path) -> None:
     """One part of it may run once more than its body does, and the other, where it is entered, once more than that."""
     code = assembled(tmp_path, TWO_ENTRIES)
     assert programme(code, "hand", 4).longest().instructions == 3 + 5 + 2 * 6
+
+
+def test_fact_of_a_loop_that_tests_first_is_of_its_body(tmp_path: Path) -> None:
+    """Five bodies and six tests: when the sixth counted, the path would be too short."""
+    made = programme(assembled(tmp_path, TESTS_FIRST), "hand", 8)
+    assert made.longest().instructions == 1 + 9 * 2 + 8 * 2 + 1
+    made.at_most({"loop hand/library": 1.0}, 5.0)
+    assert made.longest().instructions == 1 + 6 * 2 + 5 * 2 + 1
 
 
 @pytest.mark.parametrize(
