@@ -131,21 +131,46 @@ int cr_way_push(cr_way_work *work, uint32_t lookups_max) {
     return is_whole;
 }
 
+/* Of the half-spaces the one that pushes least is no contact of its own: what it pushes goes to the one that pushes most along it. Left out as they come, half a
+ * millimetre was lost at once where a ring of sixteen pieces lies on a boss. */
+static void merge_least(cr_way_work *work, uint32_t count) {
+    float *push_m = work->push_m, along = 0.0f;
+    uint32_t least = count, to = count;
+    for (uint32_t h = 0; h < count; h++) {
+        const int less = least == count || push_m[h] < push_m[least];
+        least = push_m[h] <= 0.0f || !less ? least : h;
+    }
+    CR_ASSERT(least < count);
+    for (uint32_t h = 0; h < count; h++) {
+        const float its = v3_dot(work->half[least].normal, work->half[h].normal);
+        if (h != least && its > along && push_m[h] > 0.0f) {
+            along = its;
+            to = h;
+        }
+    }
+    if (to < count) {
+        push_m[to] += along * push_m[least];
+    }
+    push_m[least] = 0.0f;
+}
+
 uint32_t cr_way_answer(const cr_respond_input *in, cr_way_work *work, cr_area *out, uint32_t room, cr_stats *stats) {
     cr_way_zones *zones = &in->set->way;
     const cr_way_half *half = work->half;
     const uint32_t count = work->relations.half_count;
-    uint32_t made = 0u;
+    uint32_t made = 0u, push = 0u;
     CR_ASSERT(count <= zones->count && room <= CR_AREAS_MAX);
+    for (uint32_t h = 0; h < count; h++) {
+        push += (uint32_t) !(work->push_m[h] <= 0.0f);
+    }
+    for (; push > room; push--) {
+        merge_least(work, count);
+        stats->areas_merged++;
+    }
     for (uint32_t h = 0; h < count; h++) {
         const float push_m = work->push_m[h];
         work->area[h] = CR_HIT_NONE;
-        if (push_m <= 0.0f) {
-            continue;
-        }
-        if (made == room) {
-            stats->areas_merged++;
-        } else {
+        if (!(push_m <= 0.0f)) {
             work->area[h] = made;
             report(in, &work->relations, &half[h], push_m, &out[made++]);
         }

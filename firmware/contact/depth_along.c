@@ -87,14 +87,23 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
     }
 }
 
-/* How deep below the plane that they are inside of the pieces of the lanes reach. */
+/* How deep below the plane that they are inside of the pieces of the lanes reach. With vectors each kind of plane is a loop of its own, or neither would be
+ * vector code. */
 static void find_deep(cr_way_spots *at) {
     const struct cr_img_cluster *c = at->c;
     const cr_way_known *own = &at->planes[0];
     const float *height_m = own->height_m;
-    for (int i = lane_at(at->lanes, 0); i < CR_LANES; i = lane_at(at->lanes, i + 1)) {
-        const cr_vec3 n = own->curved ? lane_of(at->normal, i) : own->normal;
-        at->deep_m[i] = at->count > 0u ? cr_way_half_width(c, i, n) - height_m[i] : NEVER_M;
+    const uint32_t lanes = at->lanes;
+    const cr_vec3 n = own->normal;
+    if (!CR_SCALAR && at->count > 0u && !own->curved) {
+        for (int i = 0; i < CR_LANES; i++) {
+            at->deep_m[i] = cr_way_half_width(c, i, n) - height_m[i];
+        }
+        return;
+    }
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        const cr_vec3 m = own->curved ? lane_of(at->normal, i) : n;
+        at->deep_m[i] = at->count > 0u ? cr_way_half_width(c, i, m) - height_m[i] : NEVER_M;
     }
 }
 

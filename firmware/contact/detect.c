@@ -14,7 +14,7 @@
 #define ODOMETER_MAX_M 8.0f
 #define WAKE_NOW (-1.0f)
 /* Work, in parts of a unit: a step, whatever it does; a cluster that is asked for planes, one over cells of the image, beside its lookup, and one over planes,
- * beside each of them; a group of the tree that is woken, and that is entered; a leaf; spheres that are looked up, beside their lookup. */
+ * beside each of them; a group of the tree that is woken, and that is entered; a leaf; spheres that are looked up, beside their lookup; a lighter zone. */
 #define PARTS_OF_STEP 6u
 #define PARTS_OF_AROUND 48u
 #define PARTS_OF_CELLS 208u
@@ -24,6 +24,7 @@
 #define PARTS_OF_GROUP 24u
 #define PARTS_OF_SPHERES 64u
 #define PARTS_OF_LEAF 1u
+#define PARTS_OF_LIGHTENED 8u
 
 /* All spheres wake when the tree is seen next: in free space that costs nothing. */
 static void forget(cr_motion *m) {
@@ -560,6 +561,7 @@ static void begin_search(cr_descent *search, cr_contact_set *set) {
     search->hand = CR_HAND_ROOT;
     search->planes.kind = 0u;
     set->way.dropped = set->way.layers.dropped = 0u;
+    set->way.dropped_m3 = 0.0f;
 #ifdef CR_RIVALS
     set->touch_count = 0u;
 #endif
@@ -588,6 +590,10 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
         !(search->hand == CR_HAND_ADDING && set->way.layers.step > CR_WAY_ADD)) {
         give_up(&w);
         search->open = 0u;
+    }
+    if (!search->open && set->way.dropped > 0u) {
+        cr_way_lighten(&set->way);
+        search->spent += PARTS_OF_LIGHTENED * set->way.count;
     }
     CR_ASSERT(search->open || (search->depth == 0u && search->waiting == 0u && search->hand == CR_HAND_EMPTY));
     return !search->open;

@@ -29,6 +29,7 @@ static cr_way_zone *room_for(cr_way_zones *zones, float weight_m3) {
         least = zones->zones[z].weight_m3 < least->weight_m3 ? &zones->zones[z] : least;
     }
     zones->dropped++;
+    zones->dropped_m3 = max_f(zones->dropped_m3, min_f(least->weight_m3, weight_m3));
     return least->weight_m3 < weight_m3 ? least : NULL;
 }
 
@@ -114,12 +115,12 @@ static uint32_t add_layer(const cr_scene *s, const xform *pose, const struct cr_
     cr_way_zone sums;
     const uint32_t lanes = sum_lanes(c, layer->lanes & c->piece_lanes[slot], l, layer, &sums);
     const uint32_t felt = cr_way_felt(s, layer->surface);
-    const int sided = layer->side == CR_WAY_SIDES || felt != layer->surface;
+    const int sided = felt >= CR_WAY_CURVED && felt != CR_WAY_NONE;
     if (felt != layer->surface) {
         turn_round(s, pose, layer->surface, &sums);
     }
     const cr_vec3 mean = sided ? xform_rotate(pose, sums.normal_m3) : v3(0.0f, 0.0f, 0.0f);
-    for (uint32_t side = sided ? 0u : layer->side; side < CR_WAY_SIDES; side++) {
+    for (uint32_t side = 0u; side < CR_WAY_SIDES; side++) {
         const float part = sided ? cr_way_share(mean, side) : 1.0f;
         const cr_way_key key = {felt, side, c->piece[slot]};
         /* not a number is kept: it is a fault in the end */

@@ -17,12 +17,12 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
 /* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, thrice over several; of each plane that a lane may count for, and
- * two more, a facet that it is deep below, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for, and of its
- * sides, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
+ * two more, a facet that it is deep below, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for, and
+ * again, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
 #define PARTS_OF_FACET 12u
-#define PARTS_OF_SIDES 12u
+#define PARTS_OF_CURVED 12u
 #define PARTS_OF_MADE 24u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_FADED 2u
@@ -30,11 +30,11 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 #define NO_SPREAD 3.0f
 
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
-static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch) {
-    CR_ASSERT(l->count <= CR_WAY_LAYERS_MAX && side <= CR_WAY_SIDES && (surface >= CR_WAY_CURVED || side == 0u));
+static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t patch) {
+    CR_ASSERT(l->count <= CR_WAY_LAYERS_MAX);
     l->parts += PARTS_OF_SHARE + l->count / 4u;
     for (uint32_t k = 0; k < l->count; k++) {
-        if (l->layers[k].surface == surface && l->layers[k].side == side) {
+        if (l->layers[k].surface == surface) {
             return &l->layers[k];
         }
     }
@@ -45,7 +45,6 @@ static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t side,
     cr_way_layer *made = &l->layers[l->count++];
     l->parts += PARTS_OF_MADE;
     made->surface = surface;
-    made->side = side;
     made->patch = patch;
     made->lanes = 0u;
     for (int i = 0; i < CR_LANES; i++) {
@@ -63,7 +62,7 @@ typedef struct {
 } part;
 
 /* Of a piece over one plane. Across it the height varies evenly by sqrt(n W n), as the coverage has it. */
-static part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
+CR_IN_LANES part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m) {
     const float across = piece_width(c, i, n), most = 2.0f * c->ramp[i];
     CR_ASSERT(v3_is_unit_or_zero(n));
     const float width = clamp_f(across, WIDTH_MIN * most, most);
@@ -95,13 +94,17 @@ static void reach_to(cr_way_reach *r, cr_vec3 n, float deep_m) {
 /* All lanes over one plane, heights in the tool frame. */
 static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
                       cr_way_reach *reach, cr_way_layer *out) {
-    float deep = 0.0f;
+    float deep = 0.0f, each[CR_LANES];
     for (int i = lane_at(near, 0); i < CR_LANES; i = lane_at(near, i + 1)) {
         const part p = part_below(c, i, n, height_m[i]);
         out->depth_m[i] = has_lane(lanes, i) ? p.depth_m : out->depth_m[i]; /* others may be known from another cell */
         out->coverage[i] = has_lane(lanes, i) ? p.share : out->coverage[i];
         const float on = CR_SCALAR ? 1.0f : (float)((near >> i) & 1u);
-        deep = higher_f(deep, on * deepest(c, i, p, height_m[i]));
+        each[i] = on * deepest(c, i, p, height_m[i]);
+        deep = CR_SCALAR ? higher_f(deep, each[i]) : 0.0f;
+    }
+    for (int i = 0; i < CR_LANES && !CR_SCALAR; i++) {
+        deep = higher_f(deep, each[i]);
     }
     out->lanes |= lanes;
     reach_to(reach, n, deep);
@@ -113,15 +116,8 @@ static void add_lane(cr_way_layer *layer, int i, float depth_m, float coverage) 
     layer->coverage[i] += coverage;
 }
 
-static void add_normal(cr_way_layer *layer, int i, cr_vec3 n, float depth_m) {
-    layer->normal_m.x[i] += depth_m * n.x;
-    layer->normal_m.y[i] += depth_m * n.y;
-    layer->normal_m.z[i] += depth_m * n.z;
-}
-
-static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t side, uint32_t patch, int i, float depth_m,
-                    float coverage) {
-    cr_way_layer *layer = depth_m > 0.0f ? layer_of(l, surface, side, patch) : NULL;
+static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t patch, int i, float depth_m, float coverage) {
+    cr_way_layer *layer = depth_m > 0.0f ? layer_of(l, surface, patch) : NULL;
     if (layer != NULL) {
         add_lane(layer, i, depth_m, coverage);
     }
@@ -148,7 +144,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
             continue;
         }
         if (!has_lane(*asked, (int)k)) {
-            of[k] = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
+            of[k] = layer_of(out, p->facet[k], s->facets[p->facet[k]].patch);
             *asked |= 1u << k;
         }
         if (of[k] != NULL) {
@@ -163,7 +159,7 @@ static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c,
     float height_m[CR_LANES];
     out->parts += PARTS_OF_LANE * p->count * (1u + cr_count_lanes(out->near));
     for (uint32_t k = 0; k < p->count; k++) {
-        cr_way_layer *wall = layer_of(out, p->facet[k], 0u, s->facets[p->facet[k]].patch);
+        cr_way_layer *wall = layer_of(out, p->facet[k], s->facets[p->facet[k]].patch);
         if (wall != NULL) {
             for (int i = 0; i < CR_LANES; i++) {
                 height_m[i] = -h->height_m[k][i];
@@ -180,7 +176,7 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
         return;
     }
     if (p->count == 1u) {
-        cr_way_layer *floor = layer_of(out, p->facet[0], 0u, s->facets[p->facet[0]].patch);
+        cr_way_layer *floor = layer_of(out, p->facet[0], s->facets[p->facet[0]].patch);
         out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
         if (floor != NULL) {
             fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
@@ -232,18 +228,17 @@ void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 
     }
 }
 
-/* A lane inside of a curved surface: to the sides by its normal there. */
-static void fill_sides(cr_way_layers *out, const xform *pose, uint32_t surface, uint32_t patch, int i, cr_vec3 n_world,
-                       float depth_m, float coverage) {
-    const cr_vec3 n = xform_unrotate(pose, n_world);
-    out->parts += PARTS_OF_SIDES;
-    for (uint32_t side = 0u; side < CR_WAY_SIDES; side++) {
-        const float share = cr_way_share(n_world, side), deep = depth_m * share;
-        cr_way_layer *layer = deep > 0.0f ? layer_of(out, surface, side, patch) : NULL;
-        if (layer != NULL) {
-            add_lane(layer, i, deep, coverage * share);
-            add_normal(layer, i, n, deep);
-        }
+/* A lane inside of a curved surface, which has a normal of its own there. */
+static void lane_to_curved(cr_way_layers *l, const xform *pose, uint32_t surface, uint32_t patch, int i,
+                           cr_vec3 n_world, float depth_m, float coverage) {
+    cr_way_layer *layer = depth_m > 0.0f ? layer_of(l, surface, patch) : NULL;
+    l->parts += PARTS_OF_CURVED;
+    if (layer != NULL) {
+        const cr_vec3 n = xform_unrotate(pose, n_world);
+        add_lane(layer, i, depth_m, coverage);
+        layer->normal_m.x[i] += depth_m * n.x;
+        layer->normal_m.y[i] += depth_m * n.y;
+        layer->normal_m.z[i] += depth_m * n.z;
     }
 }
 
@@ -251,19 +246,19 @@ static void fill_sides(cr_way_layers *out, const xform *pose, uint32_t surface, 
 static void fill_looked_up(const cr_field *f, const xform *pose, const cr_way_facets *on, int i, cr_vec3 g_world,
                            float depth_m, float coverage, cr_way_layers *out) {
     if (on->count == 0u && v3_dot(g_world, g_world) > 0.5f) {
-        fill_sides(out, pose, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth_m, coverage);
+        lane_to_curved(out, pose, CR_WAY_DEEP, CR_FACET_NONE, i, g_world, depth_m, coverage);
     } else if (on->count == 0u) {
-        lane_to(out, CR_WAY_NONE, 0u, CR_FACET_NONE, i, depth_m, coverage);
+        lane_to(out, CR_WAY_NONE, CR_FACET_NONE, i, depth_m, coverage);
     }
     out->parts += PARTS_OF_FACET * on->count;
     for (uint32_t k = 0; k < on->count; k++) {
         const struct cr_img_facet *facet = &f->scene->facets[on->facet[k]];
         const float share = on->share[k];
         if (facet->curved == CR_FACET_CURVED) {
-            fill_sides(out, pose, CR_WAY_CURVED | facet->patch, facet->patch, i, on->normal[k], depth_m * share,
-                       coverage * share);
+            lane_to_curved(out, pose, CR_WAY_CURVED | facet->patch, facet->patch, i, on->normal[k], depth_m * share,
+                           coverage * share);
         } else {
-            lane_to(out, on->facet[k], 0u, facet->patch, i, depth_m * share, coverage * share);
+            lane_to(out, on->facet[k], facet->patch, i, depth_m * share, coverage * share);
         }
     }
 }
@@ -331,7 +326,7 @@ static void fill_common(const cr_field *f, const xform *pose, const struct cr_im
                         uint32_t surface, const cr_lookup *at, const cr_lanes3 *g, cr_way_layers *out) {
     const int curved = (surface & CR_WAY_CURVED) != 0u;
     const uint32_t patch = curved ? surface & ~CR_WAY_CURVED : f->scene->facets[surface].patch;
-    cr_way_layer *layer = layer_of(out, surface, curved ? CR_WAY_SIDES : 0u, patch);
+    cr_way_layer *layer = layer_of(out, surface, patch);
     out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
     if (layer != NULL && curved) {
         fill_curved(c, lanes, at, g, out, layer);
@@ -487,6 +482,6 @@ void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
             }
             layer->coverage[i] *= kept;
         }
-        lane_to(l, CR_WAY_NONE, 0u, CR_FACET_NONE, i, moved, seen);
+        lane_to(l, CR_WAY_NONE, CR_FACET_NONE, i, moved, seen);
     }
 }

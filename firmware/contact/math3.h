@@ -36,6 +36,13 @@ static inline int is_finite_f(float a) { return a - a == 0.0f; }
 #define CR_IN_LINE static inline
 #endif
 
+/* What loops over lanes call: with vectors it is made part of them, or they would be no vector code. */
+#if CR_SCALAR
+#define CR_IN_LANES static
+#else
+#define CR_IN_LANES CR_IN_LINE
+#endif
+
 /* And what is rare, in a function that must not save registers for it. */
 #if defined(__GNUC__)
 #define CR_OUT_OF_LINE static __attribute__((noinline))

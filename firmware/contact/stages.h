@@ -194,7 +194,6 @@ typedef struct {
 /* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
 typedef struct {
     uint32_t surface, patch;
-    uint32_t side; /* CR_WAY_SIDES: of all sides, by the mean of the normals */
     uint32_t lanes;
     float depth_m[CR_LANES], coverage[CR_LANES]; /* 0 beside the lanes */
     cr_lanes3 normal_m;                          /* depth times static normal, tool frame; of a plane it is not known */
@@ -219,6 +218,7 @@ typedef struct {
 
 typedef struct {
     uint32_t count, dropped;
+    float dropped_m3; /* weight of the heaviest that there was no room for */
     cr_way_zone zones[CR_WAY_ZONES_MAX];
     uint32_t area_of[CR_WAY_ZONES_MAX];  /* set by the answer: contact area of each zone, or CR_HIT_NONE */
     cr_way_reach reach[CR_CLUSTERS_MAX]; /* of each hit */
@@ -250,6 +250,10 @@ void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked);
 /* Purpose  the next step of that.   Shapes  looked: as for cr_way_add.   Output  1: it was the last; 0: call again.   Cost  layers.parts. */
 int cr_way_add_more(const cr_field *field, const xform *world_from_tool, cr_contact_set *set, uint32_t hit,
                     const cr_looked *looked);
+
+/* Purpose  once all hits are added: where there was no room for all zones those that there are count by what they hold beyond what was left out.
+ * Output   sums and weights of the zones, made less; never when all had room. */
+void cr_way_lighten(cr_way_zones *zones);
 
 /* Height of a sample above the plane normal . p + offset, m. */
 static inline float height_above(const struct cr_img_cluster *c, int i, cr_vec3 normal, float offset_m) {

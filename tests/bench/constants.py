@@ -59,6 +59,7 @@ GIVEN = {
     "PERIOD_MIN_S": "rounding",
     "ROUNDING_M": "rounding",
     "CR_WAY_SLACK_M": "rounding",
+    "NOTHING_M": "rounding",
     "LANDING_M": "rounding",
     "AREA_MIN_M2": "rounding",
     "SHARP_MIN": "rounding",

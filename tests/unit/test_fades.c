@@ -224,6 +224,20 @@ static void the_lightest_zone_gives_way(void **state) {
         }
         assert_int_equal(set.way.reach[0].zones, kept == 0 ? 1u << lightest : 0u);
     }
+    /* What was left out weighed 1e-3 of a sample: zones of twice that are halved, heavier ones hardly less, and none goes below a quarter. */
+    const float left_m3 = set.way.dropped_m3, weigh_m3[] = {left_m3, 2.0f * left_m3, 1e3f * left_m3};
+    const double keep[] = {0.25, 0.5, 0.999};
+    assert_true(left_m3 > 0.0f && left_m3 < 1e-6f);
+    set.way.count = 3u;
+    for (uint32_t z = 0; z < 3u; z++) {
+        set.way.zones[z].weight_m3 = weigh_m3[z];
+        set.way.zones[z].push_m3 = v3(0.0f, 0.0f, weigh_m3[z]);
+    }
+    cr_way_lighten(&set.way);
+    for (uint32_t z = 0; z < 3u; z++) {
+        assert_float_equal(set.way.zones[z].weight_m3 / weigh_m3[z], keep[z], z == 0u ? 0.1 : 1e-3);
+        assert_true(set.way.zones[z].push_m3.z == set.way.zones[z].weight_m3);
+    }
     set.way.layers.count = CR_WAY_LAYERS_MAX; /* and a layer that there is no room for is counted */
     for (uint32_t k = 0; k < CR_WAY_LAYERS_MAX; k++) {
         set.way.layers.layers[k].surface = CR_WAY_CURVED | k;

@@ -336,12 +336,12 @@ static void zones_in_conflict_count_by_their_weight(void **state) {
     }
 }
 
-/* Two level faces of one patch, the line between them rising by this sine: how far they have one way out. */
-static double part_at_rise(float sine) {
+/* Two level faces of one patch, so far from each other, the line between them rising by this sine: how far they have one way out. */
+static double part_of_steps(float apart_m, float sine) {
     clear(NULL);
     for (int i = 0; i < 2; i++) {
         cr_way_zone *z = add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
-        const float far_m = i == 0 ? 0.0f : 10e-3f, high_m = far_m * sine;
+        const float far_m = i == 0 ? 0.0f : apart_m, high_m = far_m * sine;
         z->plane_offset_m = -high_m;
         z->centre_m4 = v3_scale(v3(far_m * sqrtf(1.0f - sine * sine), 0.0f, high_m), z->weight_m3);
     }
@@ -351,12 +351,22 @@ static double part_at_rise(float sine) {
     return (double)relations.part[0][1];
 }
 
+static double part_at_rise(float sine) { return part_of_steps(10e-3f, sine); }
+
 /* Steps of a stair are apart from 12 degrees on, a sine of a fifth; half of that is half apart. */
 static void what_lies_above_is_apart(void **state) {
     (void)state;
     assert_near(part_at_rise(0.0f), 1.0, 1e-6);
     assert_near(part_at_rise(0.1f), 0.5, 0.15);
     assert_near(part_at_rise(0.21f), 0.0, 1e-6);
+}
+
+/* What lies a sample beside may lie a sample higher by a sample more or less: it is told apart as at twice the distance, where half as steep is half apart. */
+static void what_is_hardly_beside_is_half_apart(void **state) {
+    (void)state;
+    assert_near(part_of_steps(SPACING_M, 0.2f), 0.5, 0.15);
+    assert_near(part_of_steps(4.0f * SPACING_M, 0.21f), 0.0, 1e-6);
+    assert_near(part_of_steps(0.0f, 0.0f), 1.0, 1e-6);
 }
 
 /* Two faces that turn by 18 degrees, all of the push from samples of the first: of a symmetric sum the normal is the middle one. Each sweep leaves c^2 of the
@@ -368,6 +378,38 @@ static void faces_that_turn_little_are_told_apart(void **state) {
     add_zone(v3(-sinf(half_angle), 0.0f, cosf(half_angle)), 1.0f, v3(0.0f, 0.0f, 0.0f));
     relations.whole_m3 *= 2.0f;
     assert_near(lean_of(join_first()), 0.0, 1e-3);
+}
+
+/* Three half-spaces that push, of two directions, and contacts for two: the least gives its push to the one along it, whatever their order. */
+static void what_has_no_contact_pushes_along_another(void **state) {
+    (void)state;
+    static cr_contact_set set;
+    static cr_way_work work;
+    const xform at = cr_xform_from_pose(&(cr_pose){{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}});
+    const cr_respond_input in = {.world_from_tool = &at, .set = &set};
+    const cr_vec3 up = {0.0f, 0.0f, 1.0f}, aside = {1.0f, 0.0f, 0.0f};
+    for (uint32_t first = 0; first < 3u; first++) {
+        cr_stats stats = {0};
+        cr_area areas[2];
+        clear(NULL);
+        for (uint32_t i = 0; i < 3u; i++) {
+            const uint32_t h = (first + i) % 3u;
+            cr_way_zone *z = add_zone(h == 0u ? aside : up, 1.0f, v3(0.0f, 0.0f, 0.0f));
+            z->flat = 0u;
+            z->patch = CR_FACET_NONE;
+            z->centre_m4 = v3_scale(up, z->weight_m3);
+            work.half[i] = (cr_way_half){.zones = 1u << i, .normal = h == 0u ? aside : up, .weight_m3 = z->weight_m3};
+            work.push_m[i] = 1e-3f * (float)(3u - h);
+            work.relations.half_of[i] = i;
+        }
+        set.way = zones;
+        work.relations.half_count = 3u;
+        assert_int_equal(cr_way_answer(&in, &work, areas, 2u, &stats), 2);
+        assert_int_equal(stats.areas_merged, 1);
+        for (int i = 0; i < 2; i++) {
+            assert_near((double)areas[i].depth_m, 3e-3, 1e-9);
+        }
+    }
 }
 
 /* How many sweeps it takes. */
@@ -462,7 +504,9 @@ int main(void) {
         cmocka_unit_test_setup(surface_counts_for_more_where_few_samples_are_inside, clear),
         cmocka_unit_test_setup(zones_in_conflict_count_by_their_weight, clear),
         cmocka_unit_test_setup(what_lies_above_is_apart, clear),
+        cmocka_unit_test_setup(what_is_hardly_beside_is_half_apart, clear),
         cmocka_unit_test_setup(faces_that_turn_little_are_told_apart, clear),
+        cmocka_unit_test_setup(what_has_no_contact_pushes_along_another, clear),
         cmocka_unit_test_setup(resolve_ends_near_its_fixed_point, clear),
         cmocka_unit_test_setup(contacts_that_hardly_differ_push_alike, clear),
         cmocka_unit_test_setup(what_hardly_pushes_fades, clear),
