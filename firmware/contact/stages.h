@@ -252,7 +252,7 @@ int cr_way_add_more(const cr_field *field, const xform *world_from_tool, cr_cont
                     const cr_looked *looked);
 
 /* Purpose  once all hits are added: where there was no room for all zones those that there are count by what they hold beyond what was left out.
- * Output   sums and weights of the zones, made less; never when all had room. */
+ * Units    dropped_m3 m^3.   Output  sums and weights of the zones, made less.   Errors  none.   Cost  all zones; not to be called when all had room. */
 void cr_way_lighten(cr_way_zones *zones);
 
 /* Height of a sample above the plane normal . p + offset, m. */

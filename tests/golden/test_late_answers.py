@@ -38,6 +38,7 @@ def test_late_answers_are_near_those_of_ticks_that_have_all_they_need(
     assert late.step_mm < 1.3 * late.whole_step_mm + 0.2
 
 
+@pytest.mark.slow
 def test_force_of_many_half_spaces_does_not_jump() -> None:
     """bar_u has up to nine: what was felt before an answer falls whatever their number.
 

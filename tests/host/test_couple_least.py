@@ -49,6 +49,7 @@ def coupled(case: Case, path: Trajectory, images: Path) -> Felt:
     return six_run.run_coupled(case.image(images), case.springs, path)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(TICKS))
 def test_wrench_is_that_of_least_motion_over_the_meshes(
     name: str, data: Path, tmp_path: Path

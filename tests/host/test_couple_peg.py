@@ -53,6 +53,7 @@ def depth_mm(static: Any, tool: Any, pose: F64) -> float:
     return inside_mm(static, tool, pose[:3], Rotation.from_quat([*pose[4:], pose[3]]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("play_mm", "seed", "friction"), [(0.4, 1, 0.0), (0.4, 3, 0.1), (0.1, 1, 0.0)]
 )

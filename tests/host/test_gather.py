@@ -124,6 +124,7 @@ def test_points_nearest_to_middles_are_as_near_as_a_kd_tree_has_them(
     assert far == pytest.approx(cKDTree(fine.position_m).query(middle)[0], rel=1e-12, abs=1e-18)
 
 
+@pytest.mark.slow
 def test_closest_of_a_site_without_points_is_the_nearest_too(fine: FinePoints) -> None:
     points = Gathered(fine, LIFT_M, SPACING_M)
     label = first_cells(fine, SPACING_M)

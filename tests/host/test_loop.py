@@ -156,6 +156,7 @@ def radius_of_pad_m(folder: Path) -> float:
     return float(pad_scene(folder, 3e-3).meta.tool_radius_m)
 
 
+@pytest.mark.slow
 def test_several_may_make_an_image_at_once(tmp_path: Path) -> None:
     """Each of its files is there whole or not at all: one process read a mesh that another had begun to write."""
     with ProcessPoolExecutor(4, mp_context=get_context("spawn")) as pool:

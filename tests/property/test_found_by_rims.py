@@ -27,6 +27,7 @@ def over_the_rim(azimuth_rad: float) -> npt.NDArray[np.float64]:
     return np.stack([rim + (BALL_MM - DEEP_MM) * normal, normal])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sides", [24, 96])
 def test_a_round_rim_neither_kicks_nor_pushes_aside(sides: int) -> None:
     turned = mf.Manifold.cylinder(2 * TOP_MM, RIM_MM, RIM_MM, sides, True)
