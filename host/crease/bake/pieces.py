@@ -21,6 +21,7 @@ concavely is cut into pieces of some 17 degrees."""
 BESIDE = 1.6
 """Clusters are beside each other when samples of theirs are nearer than this many spacings."""
 PIECE_NONE = 0xFFFF
+NOBODY = np.zeros(0, np.int64)
 WITNESSES = 64
 """Of the clusters of a piece so many are asked whether they see a new one."""
 KNOWN_BOXES = 64
@@ -92,24 +93,58 @@ def find_pieces(
     return pieces
 
 
+def _at_rim(rows: I64, beside: tuple[I32, I32]) -> I64:
+    """Clusters of a piece that have one beside them which is not of it."""
+    starts, others = beside
+    foreign = np.concatenate([[0], np.cumsum(~np.isin(others, rows))])
+    return rows[foreign[starts[rows + 1]] > foreign[starts[rows]]]
+
+
+def _lies_behind(point: F64, own: I64, rows: I64, centre: F64, normal: F64) -> npt.NDArray[np.bool_]:
+    """Whether points lie behind the planes of clusters, but for that of their own, by RISE_MAX.
+
+    Shapes: point (n, 3); own (n,), the cluster of each; rows: clusters; centre, normal (clusters, 3).
+    """
+    out = np.ones(len(point), bool)
+    for row in rows:
+        way = point - centre[row]
+        above = way @ normal[row] - RISE_MAX * np.linalg.norm(way, axis=1)
+        out &= (above <= 0) | (own == row)
+    return out
+
+
 def mark_pieces(
     normal: npt.NDArray[Any], position_m: F64, order: list[I64], spacing_m: float, surface: Surface
 ) -> I64:
-    """The two largest pieces of each cluster, (clusters, 2), PIECE_NONE where there is none.
+    """The two largest pieces of each sample, (n, 2), PIECE_NONE where there is none.
+
+    A cluster that reaches across a notch is of the pieces on both sides; its samples are of those that they lie behind all planes of, or of all where
+    there is no such piece.
 
     Shapes: normal (clusters, 3); position_m (n, 3) of the samples, order: those of each cluster.
     """
-    cluster = np.concatenate([np.full(len(ids), i) for i, ids in enumerate(order)])
-    points = position_m[np.concatenate(order)]
+    cluster = np.empty(len(position_m), np.int64)
+    for i, ids in enumerate(order):
+        cluster[ids] = i
     centre = np.array([position_m[ids].mean(axis=0) for ids in order])
-    reach_m = SLACK * spacing_m
-    beside = _beside(points, cluster, BESIDE * spacing_m)
-    pieces = find_pieces(surface, centre, normal.astype(np.float64), beside, reach_m)
-    out = np.full((len(order), 2), PIECE_NONE, np.int64)
-    for piece in sorted(range(len(pieces)), key=lambda p: -len(pieces[p]))[:PIECE_NONE]:
-        rows = pieces[piece]
-        for slot in (0, 1):
-            free = out[rows, slot] == PIECE_NONE
-            out[rows[free], slot] = piece
-            rows = rows[~free]
-    return out
+    normal = normal.astype(np.float64)
+    beside = _beside(position_m, cluster, BESIDE * spacing_m)
+    pieces = find_pieces(surface, centre, normal, beside, SLACK * spacing_m)
+    pieces.sort(key=len, reverse=True)
+    of_all = np.full((len(position_m), 2), PIECE_NONE, np.int64)
+    out = of_all.copy()
+    for piece, rows in enumerate(pieces[:PIECE_NONE]):
+        its = np.isin(cluster, rows)
+        _add_piece(of_all, its, piece)
+        rim = np.concatenate([NOBODY, *(order[i] for i in _at_rim(rows, beside))])
+        its[rim] = _lies_behind(position_m[rim], cluster[rim], rows, centre, normal)
+        _add_piece(out, its, piece)
+    return np.where(out[:, :1] == PIECE_NONE, of_all, out)
+
+
+def _add_piece(pieces: I64, its: npt.NDArray[np.bool_], piece: int) -> None:
+    """Into the first free of the two places of samples."""
+    for slot in (0, 1):
+        free = its & (pieces[:, slot] == PIECE_NONE)
+        pieces[free, slot] = piece
+        its = its & ~free

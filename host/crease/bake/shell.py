@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from crease.bake.clusters import cluster_order, make_clusters, make_sums
 from crease.bake.layout import LANES, NEIGHBOUR
-from crease.bake.pieces import PIECE_NONE, mark_pieces
+from crease.bake.pieces import BESIDE, PIECE_NONE, mark_pieces
 from crease.bake.samples import Samples, make_samples
 from crease.bake.sphere_tree import ball, make_tree
 from crease.bake.surface import Surface
@@ -102,7 +104,7 @@ def make_adjacency(
 def pieces_of_lanes(pieces: I64) -> tuple[I64, I64]:
     """The two pieces that most samples of a cluster belong to, PIECE_NONE for no second, and the lanes of each.
 
-    A sample of neither counts in the first. Shapes: pieces (n, 2); results (2,).
+    Shapes: pieces (n, 2); results (2,).
     """
     names, counts = np.unique(pieces[pieces != PIECE_NONE], return_counts=True)
     found = np.asarray([*names[np.lexsort((names, -counts))], PIECE_NONE][:2], np.int64)
@@ -111,8 +113,35 @@ def pieces_of_lanes(pieces: I64) -> tuple[I64, I64]:
         int(bits[(pieces == piece).any(axis=1)].sum()) if piece != PIECE_NONE else 0
         for piece in found
     ]
-    lanes[0] |= int(bits.sum()) & ~lanes[1]
     return found, np.asarray(lanes, np.int64)
+
+
+def part_pieces(order: list[I64], pieces: I64) -> list[I64]:
+    """Clusters that have room for the pieces of all their samples: one of more than two becomes several.
+
+    Shapes: pieces (n, 2) of the samples, order: those of each cluster; none is of no piece.
+    """
+    out = []
+    for ids in order:
+        left = ids
+        while len(left):
+            found, _ = pieces_of_lanes(pieces[left])
+            its = np.isin(pieces[left], found[found != PIECE_NONE]).any(axis=1)
+            out.append(left[its])
+            left = left[~its]
+    return out
+
+
+def hanging_together(position_m: F64, order: list[I64], reach_m: float) -> list[I64]:
+    """Clusters of samples each of which is within reach of another: one that reaches across a notch becomes several."""
+    cluster = np.empty(len(position_m), np.int64)
+    for i, ids in enumerate(order):
+        cluster[ids] = i
+    pairs = cKDTree(position_m).query_pairs(reach_m, output_type="ndarray")
+    pairs = pairs[cluster[pairs[:, 0]] == cluster[pairs[:, 1]]]
+    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(position_m),) * 2)
+    part = connected_components(links, directed=False)[1]
+    return [ids[part[ids] == p] for ids in order for p in np.unique(part[ids])]
 
 
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
@@ -120,11 +149,9 @@ def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
     face = np.flatnonzero(~samples.feature)
     faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
     order = cluster_order(faces, spacing_m, most=max(LANES, -(-len(face) // UNITS_MAX)))
+    order = hanging_together(faces.position_m, order, BESIDE * spacing_m)
     normal = np.array([unit(faces.area_m2[ids].sum(axis=0)) for ids in order])
-    of_cluster = mark_pieces(normal, faces.position_m, order, spacing_m, surface)
-    of_face = np.empty((len(face), 2), np.int64)
-    for ids, piece in zip(order, of_cluster, strict=True):
-        of_face[ids] = piece
+    of_face = mark_pieces(normal, faces.position_m, order, spacing_m, surface)
     nearest = cKDTree(faces.position_m).query(samples.position_m)[1]
     return np.asarray(of_face[nearest])
 
@@ -137,9 +164,9 @@ def make_shell(
 ) -> Shell:
     """The complete shell of a tool mesh; even: see make_cells."""
     samples = make_samples(surface, spacing_m, part_of(tick, 0.0, SAMPLES_SHARE), even)
-    order = cluster_order(samples, spacing_m)
-    clusters = make_clusters(samples, order)
     pieces = pieces_of(samples, spacing_m, surface)
+    order = part_pieces(cluster_order(samples, spacing_m), pieces)
+    clusters = make_clusters(samples, order)
     alike: dict[bytes, tuple[I64, I64]] = {}
     for row, ids in zip(clusters, order, strict=True):
         mine = pieces[ids]
