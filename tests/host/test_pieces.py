@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 from crease.bake.bake import BakeOptions, bake_scene
-from crease.bake.layout import CLUSTER
-from crease.bake.pieces import BESIDE, PIECE_NONE, RISE_MAX, WITNESSES, _beside, find_pieces
+from crease.bake.layout import CLUSTER, LANES
+from crease.bake.pieces import (
+    BESIDE,
+    PIECE_NONE,
+    RISE_MAX,
+    WITNESSES,
+    _beside,
+    _put_together,
+    find_pieces,
+)
+from crease.bake.shell import hanging_together, part_pieces
 from crease.bake.surface import Surface, make_surface
 from crease.base.native import lib
 from crease.base.scene import Scene, open_image
@@ -25,10 +34,10 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> tr
     return trimesh.creation.box(bounds=[low, high])
 
 
-def bake(tool: trimesh.Trimesh) -> Scene:
-    """A scene with this tool, sampled every 2 mm."""
+def bake(tool: trimesh.Trimesh, spacing_mm: float = 2.0) -> Scene:
+    """A scene with this tool."""
     floor = mesh_of(box((-30, -30, -10), (30, 30, 0)), "floor")
-    options = BakeOptions(voxel_m=2e-3, spacing_m=2e-3)
+    options = BakeOptions(voxel_m=2e-3, spacing_m=1e-3 * spacing_mm)
     return open_image(bake_scene(floor, mesh_of(tool, "tool"), options).image, "test")
 
 
@@ -83,6 +92,67 @@ def test_large_pieces_are_the_convex_parts(name: str) -> None:
         above = np.einsum("jx,ijx->ij", normal, middle[:, None] - middle[None])
         far = np.linalg.norm(middle[:, None] - middle[None], axis=2)
         assert (above <= 0.16 * far + 1e-6).mean() > 0.97
+
+
+ARM, LEG = ((-20, -6, 0), (20, 6, 10)), ((10, -6, -20), (20, 6, 10))
+"""The two convex parts of "ell", mm."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spacing_mm", [0.9, 1.0, 1.3, 2.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0])
+def test_samples_are_of_the_part_they_lie_on(spacing_mm: float, turn_deg: float) -> None:
+    """Up to a sample: those of the leg's inner face that counted for the arm as well kicked by 2.3 mm over an edge."""
+    turn = trimesh.transformations.rotation_matrix(np.radians(turn_deg), [1.0, 2.0, 3.0])
+    tool = SOLIDS["ell"][0].copy().apply_transform(turn)
+    records = clusters_of(bake(tool, spacing_mm))
+    assert len(np.unique(records["piece"][records["piece"] != PIECE_NONE])) == 2
+    used = np.arange(LANES) < records["count"][:, None]
+    points = 1e3 * np.stack([records[a] for a in "xyz"], axis=-1) @ turn[:3, :3]
+    parts = []
+    for piece in (0, 1):
+        lanes = (records["piece"] == piece)[:, :, None] & (
+            records["piece_lanes"][:, :, None] >> np.arange(LANES) & 1 > 0
+        )
+        own = points[lanes.any(axis=1) & used]
+        inside = [
+            (own > np.array(low) - 1.05 * spacing_mm).all()
+            and (own < np.array(high) + 1.05 * spacing_mm).all()
+            for low, high in (ARM, LEG)
+        ]
+        parts.append(inside)
+    assert sorted(parts) == [[False, True], [True, False]]
+
+
+@pytest.mark.slow
+def test_no_sample_is_left_without_a_piece() -> None:
+    records = clusters_of(bake(SOLIDS["pads"][0], 1.0))
+    lanes = np.bitwise_or.reduce(records["piece_lanes"], axis=1)
+    assert (lanes == (1 << records["count"].astype(int)) - 1).all()
+
+
+def test_a_cluster_of_three_pieces_becomes_two() -> None:
+    pieces = np.array([[4, 9], [4, 9], [9, PIECE_NONE], [7, PIECE_NONE], [4, PIECE_NONE]])
+    order = [np.array([3, 0, 1]), np.array([2, 4])]
+    assert [part.tolist() for part in part_pieces(order, pieces)] == [[0, 1], [3], [2, 4]]
+
+
+def test_a_cluster_across_a_notch_becomes_two() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0], [6, 0, 0], [2, 0, 0]])
+    order = [np.array([0, 2, 1, 3]), np.array([4])]
+    assert [part.tolist() for part in hanging_together(points, order, 1.5)] == [[0, 1], [2, 3], [4]]
+
+
+def test_pieces_that_bend_away_from_each_other_are_one() -> None:
+    """Eight sides of a prism, and one that faces them."""
+    turn = np.linspace(0.0, np.pi, 8)
+    normal = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    centre, normal = np.vstack([normal, [0.0, 3.0, 0.0]]), np.vstack([normal, [0.0, -1.0, 0.0]])
+    prism, most, facing = np.arange(8), np.arange(1, 7), np.array([2, 3, 4, 8])
+    assert [p.tolist() for p in _put_together([prism[2:], most], centre, normal)] == [
+        [1, 2, 3, 4, 5, 6, 7]
+    ]
+    assert len(_put_together([prism, facing], centre, normal)) == 2
 
 
 @pytest.mark.slow

@@ -64,7 +64,7 @@ def test_four_pads_do_not_turn_the_tool() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["legs_ridge_deep", "jaw", "corner"])
+@pytest.mark.parametrize("name", ["legs_ridge_deep", "jaw", "corner", "ell_edge", "legs_step"])
 def test_force_never_changes_faster_than_the_walls_allow(name: str) -> None:
     push, place = push_mm(SCENES[name])
     moved = np.linalg.norm(np.diff(place, axis=0), axis=1)

@@ -18,6 +18,8 @@ I32 = npt.NDArray[np.int32]
 RISE_MAX = 0.15
 """Sine of the elevation of a cluster above the plane of another up to which both may be of one piece: what is curved
 concavely is cut into pieces of some 17 degrees."""
+SHARP = 0.8
+"""Cosine of the normals of clusters from which on they are of one bent surface: others meet in an edge."""
 BESIDE = 1.6
 """Clusters are beside each other when samples of theirs are nearer than this many spacings."""
 PIECE_NONE = 0xFFFF
@@ -27,6 +29,8 @@ WITNESSES = 64
 KNOWN_BOXES = 64
 """Boxes along the longest side of a tool whose distances are kept: they tell of most ways that they are inside. With
 twice as many pieces take up to half as long again: filling them costs more than they save."""
+EDGE_SLACK = 0.01
+"""How far a sample of a piece may lie above its planes beyond an edge, in spacings: as far it may be felt too deep."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
 
@@ -93,23 +97,57 @@ def find_pieces(
     return pieces
 
 
+def _rise(centre: F64, normal: F64, rows: I64, others: I64) -> F64:
+    """Sine of how high one of two clusters lies above the plane of the other at most, (rows, others)."""
+    way = centre[rows][:, None] - centre[others]
+    here = np.einsum("roa,oa->ro", way, normal[others])
+    there = -np.einsum("roa,ra->ro", way, normal[rows])
+    return np.asarray(np.maximum(here, there) / np.linalg.norm(way, axis=2))
+
+
+def _put_together(pieces: list[I64], centre: F64, normal: F64) -> list[I64]:
+    """Pieces, the largest first, without those that are one with a larger: half of it and more is in that, and the rest bends away from all of that too.
+
+    Shapes: centre, normal (clusters, 3).
+    """
+    out: list[I64] = []
+    for piece in sorted(pieces, key=len, reverse=True):
+        for i, larger in enumerate(out):
+            rest = np.setdiff1d(piece, larger)
+            if (
+                2 * len(rest) <= len(piece)
+                and _rise(centre, normal, rest, larger).max(initial=0.0) <= RISE_MAX
+            ):
+                out[i] = np.union1d(larger, rest)
+                break
+        else:
+            out.append(piece)
+    return out
+
+
 def _at_rim(rows: I64, beside: tuple[I32, I32]) -> I64:
-    """Clusters of a piece that have one beside them which is not of it."""
+    """Clusters on either side of the rim of a piece: beside one of the other side."""
     starts, others = beside
-    foreign = np.concatenate([[0], np.cumsum(~np.isin(others, rows))])
-    return rows[foreign[starts[rows + 1]] > foreign[starts[rows]]]
+    count = len(starts) - 1
+    first = np.repeat(np.arange(count), np.diff(starts))
+    member = np.zeros(count, bool)
+    member[rows] = True
+    return np.unique(first[member[first] != member[others]]).astype(np.int64)
 
 
-def _lies_behind(point: F64, own: I64, rows: I64, centre: F64, normal: F64) -> npt.NDArray[np.bool_]:
-    """Whether points lie behind the planes of clusters, but for that of their own, by RISE_MAX.
+def _lies_behind(
+    point: F64, own: I64, rows: I64, centre: F64, normal: F64, slack_m: float
+) -> npt.NDArray[np.bool_]:
+    """Whether points lie behind the planes of clusters, but for that of their own: by RISE_MAX as clusters do, or where those face another way by slack_m.
 
     Shapes: point (n, 3); own (n,), the cluster of each; rows: clusters; centre, normal (clusters, 3).
     """
     out = np.ones(len(point), bool)
     for row in rows:
         way = point - centre[row]
-        above = way @ normal[row] - RISE_MAX * np.linalg.norm(way, axis=1)
-        out &= (above <= 0) | (own == row)
+        bends = normal[own] @ normal[row] > SHARP
+        most = np.where(bends, RISE_MAX * np.linalg.norm(way, axis=1), slack_m)
+        out &= (way @ normal[row] <= most) | (own == row)
     return out
 
 
@@ -118,8 +156,8 @@ def mark_pieces(
 ) -> I64:
     """The two largest pieces of each sample, (n, 2), PIECE_NONE where there is none.
 
-    A cluster that reaches across a notch is of the pieces on both sides; its samples are of those that they lie behind all planes of, or of all where
-    there is no such piece.
+    Where a piece ends a sample is of it when it lies behind all its planes, whatever its cluster: that may reach across a notch. Where it is of none so, it
+    is of those of its cluster.
 
     Shapes: normal (clusters, 3); position_m (n, 3) of the samples, order: those of each cluster.
     """
@@ -130,14 +168,16 @@ def mark_pieces(
     normal = normal.astype(np.float64)
     beside = _beside(position_m, cluster, BESIDE * spacing_m)
     pieces = find_pieces(surface, centre, normal, beside, SLACK * spacing_m)
-    pieces.sort(key=len, reverse=True)
+    pieces = sorted(_put_together(pieces, centre, normal), key=len, reverse=True)
     of_all = np.full((len(position_m), 2), PIECE_NONE, np.int64)
     out = of_all.copy()
     for piece, rows in enumerate(pieces[:PIECE_NONE]):
         its = np.isin(cluster, rows)
         _add_piece(of_all, its, piece)
         rim = np.concatenate([NOBODY, *(order[i] for i in _at_rim(rows, beside))])
-        its[rim] = _lies_behind(position_m[rim], cluster[rim], rows, centre, normal)
+        its[rim] = _lies_behind(
+            position_m[rim], cluster[rim], rows, centre, normal, EDGE_SLACK * spacing_m
+        )
         _add_piece(out, its, piece)
     return np.where(out[:, :1] == PIECE_NONE, of_all, out)
 
