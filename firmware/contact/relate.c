@@ -182,12 +182,17 @@ static void begin_projection(const cr_way_zones *zones, const float *part, float
     }
 }
 
-/* One sweep of it: projected Gauss-Seidel, on what is left of the sum. Returns 1 when it was the last. */
-static int sweep(const cr_vec3 *unit, cr_way_cone *cone) {
+/* One sweep of it: projected Gauss-Seidel, on what is left of the sum. Of more than three normals many alphas make the same sum: zones are taken in the order of
+ * their keys, or which of these are found would depend on which samples touched first. Returns 1 when it was the last. */
+static int sweep(const cr_way_relations *r, cr_way_cone *cone) {
+    const cr_vec3 *unit = r->unit;
     float moved = 0.0f;
     cr_vec3 left = cone->left;
-    for (uint32_t zones = cone->zones; zones != 0u;) {
-        const int c = take_lane(&zones);
+    for (uint32_t k = 0; k < r->count; k++) {
+        const uint32_t c = r->order[k];
+        if (!has_lane(cone->zones, (int)c)) {
+            continue;
+        }
         const float before = cone->alpha[c], held = cone->held[c];
         const float next =
             clamp_f(before + (v3_dot(unit[c], left) - held * before) / (1.0f + held), 0.0f, cone->most[c]);
@@ -313,10 +318,27 @@ static void end_half(const cr_vec3 *unit, const cr_way_cone *cone, cr_way_half *
     out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f);
 }
 
+static int is_before(const cr_way_key *a, const cr_way_key *b) {
+    if (a->surface != b->surface) {
+        return a->surface < b->surface;
+    }
+    return a->piece != b->piece ? a->piece < b->piece : a->side < b->side;
+}
+
+static void put_in_order(const cr_way_zones *zones, uint32_t zone, cr_way_relations *r) {
+    uint32_t k = zone;
+    for (; k > 0u && is_before(&zones->zones[zone].key, &zones->zones[r->order[k - 1u]].key); k--) {
+        r->order[k] = r->order[k - 1u];
+    }
+    r->order[k] = (uint8_t)zone;
+    r->count = zone + 1u;
+}
+
 void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r) {
     const cr_way_zone *z = &zones->zones[zone];
     CR_ASSERT(zone < zones->count && zones->count <= CR_WAY_ZONES_MAX);
     find_means(z, zone, r);
+    put_in_order(zones, zone, r);
     r->whole_m3 += z->weight_m3;
     r->part[zone][zone] = 1.0f;
     for (uint32_t b = 0; b < zone; b++) {
@@ -355,7 +377,7 @@ int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations
         end_half(r->unit, cone, &halves[r->half_of[zone]]);
         return 1;
     }
-    if (sweep(r->unit, cone) && cone->limited++ == 0u) {
+    if (sweep(r, cone) && cone->limited++ == 0u) {
         limit_projection(zones, r->unit, r->part[zone], cone);
     }
     return 0;

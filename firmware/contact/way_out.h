@@ -106,6 +106,8 @@ typedef struct {
     cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* the same of length 1, and a point of the surface */
     float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];            /* 1: one way out, 0: two */
     float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
+    uint32_t count;
+    uint8_t order[CR_WAY_ZONES_MAX]; /* zones by their keys */
     uint32_t half_of[CR_WAY_ZONES_MAX];
     uint32_t half_count, first[CR_WAY_ZONES_MAX]; /* half-spaces, and the zone that each was made for */
     float whole_m3;                               /* weight of all zones */
