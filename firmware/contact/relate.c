@@ -37,7 +37,7 @@
 /* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. Where less than SEEN_BY samples are
  * inside, which surface they are inside of tells less than which way they face: more by what is missing, up to tenfold. Without that more, 109 of 166
  * random poses deep inside are cleared instead of 114, and spike_1 loses P6 of `crease bench properties`. */
-#define TWICE 2.0f
+#define TWICE 2.3f
 #define NO_LIMIT 1e30f
 #define SEEN_LEAST 0.1f
 /* Weight of two zones, as a share of that of a third, from which on their disagreement counts in full. Whatever they weigh: bar_u amplifies 1.45 instead
@@ -173,8 +173,14 @@ static cr_vec3 favour_large(uint32_t zones, const cr_vec3 *unit, const float *al
 
 /* The projection begins: alphas that make a sum of the normals, each at most limit times its zone's share of the weight. A normal that is related by a part
  * only is held back. */
-static void begin_projection(const cr_way_zones *zones, const float *part, float limit, cr_way_cone *cone) {
+static void begin_projection(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_way_cone *cone) {
+    float known = 0.0f;
     cone->sweeps = 0u;
+    for (uint32_t left = cone->zones; left != 0u;) {
+        const int c = take_lane(&left);
+        known += part[c] * zones->zones[c].weight_m3 * cone->per_weight * v3_dot(unit[c], unit[c]);
+    }
+    const float limit = TWICE * v3_norm(cone->sum) / max_f(cone->seen * known, 1e-6f);
     for (uint32_t left = cone->zones; left != 0u;) {
         const int c = take_lane(&left);
         cone->held[c] = 1.0f / part[c] - 1.0f;
@@ -203,17 +209,6 @@ static int sweep(const cr_way_relations *r, cr_way_cone *cone) {
     cone->left = left;
     cone->sweeps++;
     return moved <= 1e-6f * v3_norm(cone->sum) || cone->sweeps == SWEEPS;
-}
-
-/* Once more, so that what hardly touches does not turn the normal. */
-static void limit_projection(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_way_cone *cone) {
-    float whole = 0.0f, known = 0.0f; /* sum of alpha; share of the weight that has a normal */
-    for (uint32_t left = cone->zones; left != 0u;) {
-        const int c = take_lane(&left);
-        whole += cone->alpha[c];
-        known += part[c] * zones->zones[c].weight_m3 * cone->per_weight * v3_dot(unit[c], unit[c]);
-    }
-    begin_projection(zones, part, TWICE * whole / max_f(cone->seen * known, 1e-6f), cone);
 }
 
 /* Room for one more bound of this weight: where there is none, that of the lightest. Null when none is lighter. */
@@ -301,7 +296,7 @@ static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const flo
         cone->alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
         cone->left = v3_mad(cone->left, unit[c], -cone->alpha[c]);
     }
-    begin_projection(zones, part, NO_LIMIT, cone);
+    begin_projection(zones, unit, part, cone);
 }
 
 /* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond
@@ -373,13 +368,11 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
 
 int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *r, cr_way_half *halves,
                 cr_way_cone *cone) {
-    if (cone->limited == 2u) {
+    if (cone->limited == 1u) {
         end_half(r->unit, cone, &halves[r->half_of[zone]]);
         return 1;
     }
-    if (sweep(r, cone) && cone->limited++ == 0u) {
-        limit_projection(zones, r->unit, r->part[zone], cone);
-    }
+    cone->limited = (uint32_t)sweep(r, cone);
     return 0;
 }
 

@@ -13,7 +13,7 @@ from crease.bake.pieces import (
     RISE_MAX,
     WITNESSES,
     _beside,
-    _put_together,
+    _needed,
     find_pieces,
 )
 from crease.bake.shell import hanging_together, part_pieces
@@ -132,9 +132,9 @@ def test_no_sample_is_left_without_a_piece() -> None:
 
 
 def test_a_cluster_of_three_pieces_becomes_two() -> None:
-    pieces = np.array([[4, 9], [4, 9], [9, PIECE_NONE], [7, PIECE_NONE], [4, PIECE_NONE]])
-    order = [np.array([3, 0, 1]), np.array([2, 4])]
-    assert [part.tolist() for part in part_pieces(order, pieces)] == [[0, 1], [3], [2, 4]]
+    order = [np.array([3, 0, 1, 5]), np.array([2, 4])]
+    parts = part_pieces(order, np.array([4, 9, 9, 7, 4, 4]))
+    assert [part.tolist() for part in parts] == [[3, 0, 5], [1], [2, 4]]
 
 
 def test_a_cluster_across_a_notch_becomes_two() -> None:
@@ -143,16 +143,9 @@ def test_a_cluster_across_a_notch_becomes_two() -> None:
     assert [part.tolist() for part in hanging_together(points, order, 1.5)] == [[0, 1], [2, 3], [4]]
 
 
-def test_pieces_that_bend_away_from_each_other_are_one() -> None:
-    """Eight sides of a prism, and one that faces them."""
-    turn = np.linspace(0.0, np.pi, 8)
-    normal = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-    centre, normal = np.vstack([normal, [0.0, 3.0, 0.0]]), np.vstack([normal, [0.0, -1.0, 0.0]])
-    prism, most, facing = np.arange(8), np.arange(1, 7), np.array([2, 3, 4, 8])
-    assert [p.tolist() for p in _put_together([prism[2:], most], centre, normal)] == [
-        [1, 2, 3, 4, 5, 6, 7]
-    ]
-    assert len(_put_together([prism, facing], centre, normal)) == 2
+def test_pieces_that_others_cover_are_not_needed() -> None:
+    pieces = [np.arange(4), np.arange(2, 6), np.arange(3, 9), np.array([0, 8])]
+    assert [p.tolist() for p in _needed(pieces, 10)] == [list(range(3, 9)), list(range(4))]
 
 
 @pytest.mark.slow

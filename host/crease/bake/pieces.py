@@ -97,31 +97,16 @@ def find_pieces(
     return pieces
 
 
-def _rise(centre: F64, normal: F64, rows: I64, others: I64) -> F64:
-    """Sine of how high one of two clusters lies above the plane of the other at most, (rows, others)."""
-    way = centre[rows][:, None] - centre[others]
-    here = np.einsum("roa,oa->ro", way, normal[others])
-    there = -np.einsum("roa,ra->ro", way, normal[rows])
-    return np.asarray(np.maximum(here, there) / np.linalg.norm(way, axis=2))
-
-
-def _put_together(pieces: list[I64], centre: F64, normal: F64) -> list[I64]:
-    """Pieces, the largest first, without those that are one with a larger: half of it and more is in that, and the rest bends away from all of that too.
-
-    Shapes: centre, normal (clusters, 3).
-    """
-    out: list[I64] = []
-    for piece in sorted(pieces, key=len, reverse=True):
-        for i, larger in enumerate(out):
-            rest = np.setdiff1d(piece, larger)
-            if (
-                2 * len(rest) <= len(piece)
-                and _rise(centre, normal, rest, larger).max(initial=0.0) <= RISE_MAX
-            ):
-                out[i] = np.union1d(larger, rest)
-                break
-        else:
-            out.append(piece)
+def _needed(pieces: list[I64], count: int) -> list[I64]:
+    """Pieces that cover all clusters that any does: each is the one that covers most of those that were left."""
+    member = np.zeros((len(pieces), count), bool)
+    for i, rows in enumerate(pieces):
+        member[i, rows] = True
+    left, out = member.any(axis=0), []
+    while left.any():
+        most = int(np.argmax((member & left).sum(axis=1)))
+        out.append(pieces[most])
+        left &= ~member[most]
     return out
 
 
@@ -138,7 +123,9 @@ def _at_rim(rows: I64, beside: tuple[I32, I32]) -> I64:
 def _lies_behind(
     point: F64, own: I64, rows: I64, centre: F64, normal: F64, slack_m: float
 ) -> npt.NDArray[np.bool_]:
-    """Whether points lie behind the planes of clusters, but for that of their own: by RISE_MAX as clusters do, or where those face another way by slack_m.
+    """Whether points lie behind the planes of clusters, but for that of their own.
+
+    By RISE_MAX, as clusters do, or where those face another way by slack_m.
 
     Shapes: point (n, 3); own (n,), the cluster of each; rows: clusters; centre, normal (clusters, 3).
     """
@@ -154,10 +141,10 @@ def _lies_behind(
 def mark_pieces(
     normal: npt.NDArray[Any], position_m: F64, order: list[I64], spacing_m: float, surface: Surface
 ) -> I64:
-    """The two largest pieces of each sample, (n, 2), PIECE_NONE where there is none.
+    """The piece of each sample, (n,): the first of those that are needed.
 
-    Where a piece ends a sample is of it when it lies behind all its planes, whatever its cluster: that may reach across a notch. Where it is of none so, it
-    is of those of its cluster.
+    Where a piece ends a sample is of it when it lies behind all its planes, whatever its cluster: that may reach across
+    a notch. One that is of none so is of the first piece of its cluster.
 
     Shapes: normal (clusters, 3); position_m (n, 3) of the samples, order: those of each cluster.
     """
@@ -167,24 +154,15 @@ def mark_pieces(
     centre = np.array([position_m[ids].mean(axis=0) for ids in order])
     normal = normal.astype(np.float64)
     beside = _beside(position_m, cluster, BESIDE * spacing_m)
-    pieces = find_pieces(surface, centre, normal, beside, SLACK * spacing_m)
-    pieces = sorted(_put_together(pieces, centre, normal), key=len, reverse=True)
-    of_all = np.full((len(position_m), 2), PIECE_NONE, np.int64)
-    out = of_all.copy()
+    pieces = _needed(find_pieces(surface, centre, normal, beside, SLACK * spacing_m), len(centre))
+    of_cluster = np.full(len(centre), PIECE_NONE, np.int64)
+    out = np.full(len(position_m), PIECE_NONE, np.int64)
     for piece, rows in enumerate(pieces[:PIECE_NONE]):
         its = np.isin(cluster, rows)
-        _add_piece(of_all, its, piece)
         rim = np.concatenate([NOBODY, *(order[i] for i in _at_rim(rows, beside))])
         its[rim] = _lies_behind(
             position_m[rim], cluster[rim], rows, centre, normal, EDGE_SLACK * spacing_m
         )
-        _add_piece(out, its, piece)
-    return np.where(out[:, :1] == PIECE_NONE, of_all, out)
-
-
-def _add_piece(pieces: I64, its: npt.NDArray[np.bool_], piece: int) -> None:
-    """Into the first free of the two places of samples."""
-    for slot in (0, 1):
-        free = its & (pieces[:, slot] == PIECE_NONE)
-        pieces[free, slot] = piece
-        its = its & ~free
+        out[its & (out == PIECE_NONE)] = piece
+        of_cluster[rows] = np.minimum(of_cluster[rows], piece)
+    return np.where(out == PIECE_NONE, of_cluster[cluster], out)

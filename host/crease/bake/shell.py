@@ -104,29 +104,23 @@ def make_adjacency(
 def pieces_of_lanes(pieces: I64) -> tuple[I64, I64]:
     """The two pieces that most samples of a cluster belong to, PIECE_NONE for no second, and the lanes of each.
 
-    Shapes: pieces (n, 2); results (2,).
+    Shapes: pieces (n,); results (2,).
     """
-    names, counts = np.unique(pieces[pieces != PIECE_NONE], return_counts=True)
+    names, counts = np.unique(pieces, return_counts=True)
     found = np.asarray([*names[np.lexsort((names, -counts))], PIECE_NONE][:2], np.int64)
-    bits = 1 << np.arange(len(pieces))
-    lanes = [
-        int(bits[(pieces == piece).any(axis=1)].sum()) if piece != PIECE_NONE else 0
-        for piece in found
-    ]
-    return found, np.asarray(lanes, np.int64)
+    return found, np.array([(1 << np.flatnonzero(pieces == piece)).sum() for piece in found])
 
 
 def part_pieces(order: list[I64], pieces: I64) -> list[I64]:
     """Clusters that have room for the pieces of all their samples: one of more than two becomes several.
 
-    Shapes: pieces (n, 2) of the samples, order: those of each cluster; none is of no piece.
+    Shapes: pieces (n,) of the samples, order: those of each cluster.
     """
     out = []
     for ids in order:
         left = ids
         while len(left):
-            found, _ = pieces_of_lanes(pieces[left])
-            its = np.isin(pieces[left], found[found != PIECE_NONE]).any(axis=1)
+            its = np.isin(pieces[left], pieces_of_lanes(pieces[left])[0])
             out.append(left[its])
             left = left[~its]
     return out
@@ -145,7 +139,7 @@ def hanging_together(position_m: F64, order: list[I64], reach_m: float) -> list[
 
 
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
-    """The two largest convex pieces of each sample, (n, 2); a feature has those of the nearest face sample."""
+    """The convex piece of each sample, (n,); a feature is of that of the nearest face sample."""
     face = np.flatnonzero(~samples.feature)
     faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
     order = cluster_order(faces, spacing_m, most=max(LANES, -(-len(face) // UNITS_MAX)))
