@@ -33,12 +33,11 @@
 /* Zones that hold less than this share of their half-space do not lead it: it has its weight from others, which lead their own. */
 #define MINOR 0.1f
 /* Most sweeps of the projection into the cone of normals: it ends when no part moves by 1e-6 of the sum. */
-#define SWEEPS 32
-/* A surface counts for at most this many times what is inside of it: what hardly touches cannot turn the normal. Where less than SEEN_BY samples are
- * inside, which surface they are inside of tells less than which way they face: more by what is missing, up to tenfold. Without that more, 109 of 166
- * random poses deep inside are cleared instead of 114, and spike_1 loses P6 of `crease bench properties`. */
-#define TWICE 2.3f
-#define NO_LIMIT 1e30f
+#define SWEEPS 64
+/* A surface counts for at most this many times its share of the sum, by what is inside of it: what hardly touches cannot turn the normal. The two faces of an edge of
+ * 60 degrees need twice: with 2, edge60_cube amplifies 1.8 instead of 1.3. Where less than SEEN_BY samples are inside, which surface they are inside of tells
+ * less than which way they face: more by what is missing, up to tenfold. */
+#define SHARE_MOST 2.3f
 #define SEEN_LEAST 0.1f
 /* Weight of two zones, as a share of that of a third, from which on their disagreement counts in full. Whatever they weigh: bar_u amplifies 1.45 instead
  * of 0.62. */
@@ -116,10 +115,10 @@ static float meet_static(const cr_scene *s, const cr_way_zones *zones, const cr_
 
 /* How far two zones that are both related to a third, and are of one piece, are not related to each other. */
 static float conflict_of(const cr_way_zones *zones, const cr_way_relations *r, uint32_t a, uint32_t b, uint32_t c) {
-    const float less = min_f(zones->zones[b].weight_m3, zones->zones[c].weight_m3);
-    const float counts = min_f(1.0f, less / (COUNTS * zones->zones[a].weight_m3));
-    const float turned = min_f(1.0f, v3_norm(v3_sub(r->unit[b], r->unit[c])));
-    const float both = min_f(1.0f, 2.0f * r->part[a][b]) * min_f(1.0f, 2.0f * r->part[a][c]);
+    const float less = lower_f(zones->zones[b].weight_m3, zones->zones[c].weight_m3);
+    const float counts = lower_f(1.0f, less / (COUNTS * zones->zones[a].weight_m3));
+    const float turned = lower_f(1.0f, v3_norm(v3_sub(r->unit[b], r->unit[c])));
+    const float both = lower_f(1.0f, 2.0f * r->part[a][b]) * lower_f(1.0f, 2.0f * r->part[a][c]);
     return both * (1.0f - r->part[b][c]) * counts * turned;
 }
 
@@ -171,16 +170,10 @@ static cr_vec3 favour_large(uint32_t zones, const cr_vec3 *unit, const float *al
     return sum;
 }
 
-/* The projection begins: alphas that make a sum of the normals, each at most limit times its zone's share of the weight. A normal that is related by a part
- * only is held back. */
-static void begin_projection(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, cr_way_cone *cone) {
-    float known = 0.0f;
+/* The projection begins: alphas that make the sum of the normals, each at most limit times its zone's share of the weight. One that is related by a part only is held
+ * back. */
+static void begin_projection(const cr_way_zones *zones, const float *part, float limit, cr_way_cone *cone) {
     cone->sweeps = 0u;
-    for (uint32_t left = cone->zones; left != 0u;) {
-        const int c = take_lane(&left);
-        known += part[c] * zones->zones[c].weight_m3 * cone->per_weight * v3_dot(unit[c], unit[c]);
-    }
-    const float limit = TWICE * v3_norm(cone->sum) / max_f(cone->seen * known, 1e-6f);
     for (uint32_t left = cone->zones; left != 0u;) {
         const int c = take_lane(&left);
         cone->held[c] = 1.0f / part[c] - 1.0f;
@@ -190,15 +183,11 @@ static void begin_projection(const cr_way_zones *zones, const cr_vec3 *unit, con
 
 /* One sweep of it: projected Gauss-Seidel, on what is left of the sum. Of more than three normals many alphas make the same sum: zones are taken in the order of
  * their keys, or which of these are found would depend on which samples touched first. Returns 1 when it was the last. */
-static int sweep(const cr_way_relations *r, cr_way_cone *cone) {
-    const cr_vec3 *unit = r->unit;
+static int sweep(const cr_vec3 *unit, cr_way_cone *cone) {
     float moved = 0.0f;
     cr_vec3 left = cone->left;
-    for (uint32_t k = 0; k < r->count; k++) {
-        const uint32_t c = r->order[k];
-        if (!has_lane(cone->zones, (int)c)) {
-            continue;
-        }
+    for (uint32_t k = 0; k < cone->count; k++) {
+        const uint32_t c = cone->order[k];
         const float before = cone->alpha[c], held = cone->held[c];
         const float next =
             clamp_f(before + (v3_dot(unit[c], left) - held * before) / (1.0f + held), 0.0f, cone->most[c]);
@@ -254,24 +243,30 @@ static int rows_agree(const float *a, const float *b, uint32_t count) {
 }
 
 /* The sum of the zones that one zone is related to, each by its part, and the projection of it into the cone of their normals. */
-static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const float *part, float whole_m3,
-                       float spacing_m, cr_way_half *out, cr_way_cone *cone) {
+static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uint32_t zone, float spacing_m,
+                       cr_way_half *out, cr_way_cone *cone) {
+    const cr_vec3 *unit = r->unit;
+    const float *part = r->part[zone];
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
-    float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
+    float weight = 0.0f, known = 0.0f, area = 0.0f, bends = 0.0f,
+          bent = 0.0f; /* known: of the weight, what has a normal */
     out->zones = out->bound_count = 0u;
     out->led_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
-    cone->zones = cone->limited = 0u;
-    for (uint32_t c = 0; c < zones->count; c++) {
+    cone->zones = cone->count = cone->projected = 0u;
+    for (uint32_t k = 0; k < zones->count; k++) {
+        const uint32_t c = r->order[k];
         const cr_way_zone *z = &zones->zones[c];
         if (!(part[c] > 0.0f)) {
             continue;
         }
         cone->zones |= 1u << c;
+        cone->order[cone->count++] = (uint8_t)c;
         out->deep_m = max_f(out->deep_m, part[c] * z->deep_m);
         sum = v3_mad(sum, z->push_m3, part[c]);
         turn = v3_mad(turn, z->turn_m4, part[c]);
         centre = v3_mad(centre, z->centre_m4, part[c]);
         weight += part[c] * z->weight_m3;
+        known += part[c] * z->weight_m3 * v3_dot(unit[c], unit[c]);
         area += part[c] * z->area_m2;
         out->curved_m3 += z->flat ? 0.0f : part[c] * z->weight_m3;
         if (!z->flat && z->patch != CR_FACET_NONE) {
@@ -281,7 +276,7 @@ static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const flo
     }
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
-    const float rules = clamp_f((weight / whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
+    const float rules = clamp_f((weight / r->whole_m3 - RULES_FROM) / (1.0f - RULES_FROM), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     out->weight_m3 = weight;
     out->own_m = v3_scale(turn, per_weight);   /* yet of the sum, */
@@ -296,7 +291,8 @@ static void begin_half(const cr_way_zones *zones, const cr_vec3 *unit, const flo
         cone->alpha[c] = part[c] * max_f(0.0f, v3_dot(v3_scale(zones->zones[c].push_m3, per_weight), unit[c]));
         cone->left = v3_mad(cone->left, unit[c], -cone->alpha[c]);
     }
-    begin_projection(zones, unit, part, cone);
+    begin_projection(zones, part, SHARE_MOST * v3_norm(cone->sum) / max_f(cone->seen * known * per_weight, 1e-6f),
+                     cone);
 }
 
 /* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond
@@ -326,7 +322,6 @@ static void put_in_order(const cr_way_zones *zones, uint32_t zone, cr_way_relati
         r->order[k] = r->order[k - 1u];
     }
     r->order[k] = (uint8_t)zone;
-    r->count = zone + 1u;
 }
 
 void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r) {
@@ -352,7 +347,7 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
     }
     cr_way_half *half = &halves[h];
     if (h == r->half_count) {
-        begin_half(zones, r->unit, r->part[zone], r->whole_m3, scene->meta->spacing_m, half, cone);
+        begin_half(zones, r, zone, scene->meta->spacing_m, half, cone);
         r->first[r->half_count++] = zone;
         made = cone->zones;
     }
@@ -366,13 +361,12 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
     return made;
 }
 
-int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *r, cr_way_half *halves,
-                cr_way_cone *cone) {
-    if (cone->limited == 1u) {
+int cr_way_turn(uint32_t zone, const cr_way_relations *r, cr_way_half *halves, cr_way_cone *cone) {
+    if (cone->projected) {
         end_half(r->unit, cone, &halves[r->half_of[zone]]);
         return 1;
     }
-    cone->limited = (uint32_t)sweep(r, cone);
+    cone->projected = (uint32_t)sweep(r->unit, cone);
     return 0;
 }
 

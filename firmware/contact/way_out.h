@@ -105,8 +105,7 @@ typedef struct {
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* mean of the static surface's: the shorter the more it is spread */
     cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* the same of length 1, and a point of the surface */
     float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];            /* 1: one way out, 0: two */
-    float lead[CR_WAY_ZONES_MAX]; /* 0..1: how far those that a zone is related to are related to each other */
-    uint32_t count;
+    float lead[CR_WAY_ZONES_MAX];    /* 0..1: how far those that a zone is related to are related to each other */
     uint8_t order[CR_WAY_ZONES_MAX]; /* zones by their keys */
     uint32_t half_of[CR_WAY_ZONES_MAX];
     uint32_t half_count, first[CR_WAY_ZONES_MAX]; /* half-spaces, and the zone that each was made for */
@@ -123,8 +122,9 @@ uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations 
 
 /* A half-space that is made: its sum on the way into the cone of the normals of its zones. */
 typedef struct {
-    uint32_t zones;           /* bits */
-    uint32_t limited, sweeps; /* projections that are done, sweeps of the one in hand */
+    uint32_t zones, count;           /* bits, and how many they are */
+    uint8_t order[CR_WAY_ZONES_MAX]; /* by their keys */
+    uint32_t projected, sweeps;      /* 1: the projection is done; sweeps of it */
     float per_weight, trusted, seen, bent;
     cr_vec3 sum, left; /* what is still outside */
     float alpha[CR_WAY_ZONES_MAX], held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
@@ -136,8 +136,7 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
                      cr_way_half *halves, cr_way_cone *cone);
 
 /* Purpose  normal and own arm of the half-space that a zone has begun: a sweep of the projection, or the end.   Returns  1: they are known; 0: call again. */
-int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *relations, cr_way_half *halves,
-                cr_way_cone *cone);
+int cr_way_turn(uint32_t zone, const cr_way_relations *relations, cr_way_half *halves, cr_way_cone *cone);
 
 /* Purpose  how far a half-space is open, once all zones have joined.   Returns  zones whose relations were compared with its own. */
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,

@@ -50,7 +50,6 @@ GIVEN = {
     "NO_PLANE": "no cosine",
     "NOWHERE": "no height",
     "NO_SPREAD": "no spread",
-    "NO_LIMIT": "no limit",
     "WAKE_NOW": "no distance",
     "POSITION_MAX_M": "a limit of the interface",
     "QUATERNION_TOLERANCE": "a limit of the interface",
