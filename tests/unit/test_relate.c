@@ -318,7 +318,7 @@ static void surface_counts_for_little_more_than_twice_its_share(void **state) {
 /* Where next to nothing is inside, for ten times that: 0.0154 of the weight for a quarter. */
 static void surface_counts_for_more_where_few_samples_are_inside(void **state) {
     (void)state;
-    assert_near(share_of_largest(lean_to_wall(0.0154f, 0.01)), 0.5, 0.02);
+    assert_near(share_of_largest(lean_to_wall(0.0154f, 0.01)), 0.5, 0.05);
     assert_near(lean_to_wall(0.05f, 0.01), 1.0, 1e-4);
 }
 
