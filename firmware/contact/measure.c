@@ -436,7 +436,7 @@ static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_w
         return PARTS_OF_TAKEN + zones->count * (PARTS_OF_RELATED + PARTS_OF_SAME * halves);
     }
     const uint32_t related = cr_count_lanes(w->left);
-    if (cr_way_turn(z, r, w->half, &w->cone)) {
+    if (cr_way_turn(zones, z, r, w->half, &w->cone)) {
         w->left = 0u;
         w->next++;
         return PARTS_OF_SIDES * related * (1u + related);

@@ -124,8 +124,8 @@ uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations 
 typedef struct {
     uint32_t zones, count;           /* bits, and how many they are */
     uint8_t order[CR_WAY_ZONES_MAX]; /* by their keys */
-    uint32_t projected, sweeps;      /* 1: the projection is done; sweeps of it */
-    float per_weight, trusted, seen, bent;
+    uint32_t projected, sweeps;      /* projections that are done, sweeps of the one in hand */
+    float per_weight, trusted, seen, bent, known;
     cr_vec3 sum, left; /* what is still outside */
     float alpha[CR_WAY_ZONES_MAX], held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
 } cr_way_cone;
@@ -136,7 +136,8 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
                      cr_way_half *halves, cr_way_cone *cone);
 
 /* Purpose  normal and own arm of the half-space that a zone has begun: a sweep of the projection, or the end.   Returns  1: they are known; 0: call again. */
-int cr_way_turn(uint32_t zone, const cr_way_relations *relations, cr_way_half *halves, cr_way_cone *cone);
+int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations *relations, cr_way_half *halves,
+                cr_way_cone *cone);
 
 /* Purpose  how far a half-space is open, once all zones have joined.   Returns  zones whose relations were compared with its own. */
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,

@@ -18,6 +18,7 @@ from crease.bake.pieces import (
 )
 from crease.bake.shell import hanging_together, part_pieces
 from crease.bake.surface import Surface, make_surface
+from crease.base.errors import MeshError
 from crease.base.native import lib
 from crease.base.scene import Scene, open_image
 from crease.mesh.mesh import Mesh
@@ -127,8 +128,42 @@ def test_samples_are_of_the_part_they_lie_on(spacing_mm: float, turn_deg: float)
 @pytest.mark.slow
 def test_no_sample_is_left_without_a_piece() -> None:
     records = clusters_of(bake(SOLIDS["pads"][0], 1.0))
-    lanes = np.bitwise_or.reduce(records["piece_lanes"], axis=1)
-    assert (lanes == (1 << records["count"].astype(int)) - 1).all()
+    first, second = records["piece_lanes"].astype(int).T
+    assert (first | second == (1 << records["count"].astype(int)) - 1).all()
+    assert (first & second == 0).all()
+
+
+@pytest.mark.slow
+def test_what_a_piece_does_not_see_is_not_of_it() -> None:
+    """Walls round a hollow: samples behind all planes of one that are hidden from it were of its piece."""
+    hollow = trimesh.boolean.difference(
+        [
+            box((-15, -15, -15), (15, 15, 15)),
+            box((-11, -11, -11), (11, 11, 11)),
+            box((-4, -4, -16), (4, 4, 0)),
+        ],
+        engine="manifold",
+    )
+    records = clusters_of(bake(hollow))
+    surface = make_surface(mesh_of(hollow, "hollow"), 30.0)
+    used = np.arange(LANES) < records["count"][:, None]
+    points = np.stack([records[a] for a in "xyz"], axis=-1).astype(np.float64)
+    rng = np.random.default_rng(1)
+    for piece in (0, 1):
+        lanes = (records["piece"] == piece)[:, :, None] & (
+            records["piece_lanes"][:, :, None] >> np.arange(LANES) & 1 > 0
+        )
+        own = points[lanes.any(axis=1) & used]
+        ends = own[rng.integers(0, len(own), (2, 3000))]
+        outside = surface.signed_distance(ends.mean(axis=0))[0] > 1e-3  # half a sample
+        assert outside.mean() < 0.03
+
+
+@pytest.mark.slow
+def test_too_many_pieces_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crease.bake.pieces.PIECE_NONE", 1)
+    with pytest.raises(MeshError, match="2 convex pieces of the tool, at most 1"):
+        bake(SOLIDS["ell"][0])
 
 
 def test_a_cluster_of_three_pieces_becomes_two() -> None:

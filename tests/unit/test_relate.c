@@ -59,7 +59,7 @@ static cr_way_zone *add_zone(cr_vec3 normal, float weights, cr_vec3 push) {
 static void join(uint32_t zone) {
     static cr_way_cone cone;
     if (cr_way_join(&scene, &zones, zone, &relations, halves, &cone) != 0u) {
-        while (!cr_way_turn(zone, &relations, halves, &cone)) {
+        while (!cr_way_turn(&zones, zone, &relations, halves, &cone)) {
         }
     }
 }
@@ -308,18 +308,29 @@ static double share_of_largest(double counts) {
     return low;
 }
 
-/* Both push 0.5, at right angles: of their sum, 0.707, a share of the weight may stand for 2.3 times as much; 0.154 for a quarter, half of what the floor does. */
-static void surface_counts_for_little_more_than_twice_its_share(void **state) {
+/* Both push 0.5: the sum of what they push is 1, an eighth of the weight may stand for a quarter of it, half of what the floor does. */
+static void surface_counts_for_at_most_twice_what_is_inside(void **state) {
     (void)state;
-    assert_near(share_of_largest(lean_to_wall(0.154f, 100.0)), 0.5, 0.02);
+    assert_near(share_of_largest(lean_to_wall(0.125f, 100.0)), 0.5, 0.05);
     assert_near(lean_to_wall(0.5f, 100.0), 1.0, 1e-4);
 }
 
-/* Where next to nothing is inside, for ten times that: 0.0154 of the weight for a quarter. */
+/* Where next to nothing is inside, for ten times that: an eightieth of the weight for a quarter. */
 static void surface_counts_for_more_where_few_samples_are_inside(void **state) {
     (void)state;
-    assert_near(share_of_largest(lean_to_wall(0.0154f, 0.01)), 0.5, 0.05);
+    assert_near(share_of_largest(lean_to_wall(0.0125f, 0.01)), 0.5, 0.05);
     assert_near(lean_to_wall(0.05f, 0.01), 1.0, 1e-4);
+}
+
+/* A wall that holds a tenth of the weight, and one that holds next to nothing, on a side where the floor pushes too: that does not make the sum of all larger, of which the first may be
+ * twice its share. It would be 0.6 of the floor instead of 0.4. */
+static void what_weighs_next_to_nothing_makes_no_sum_larger(void **state) {
+    (void)state;
+    add_zone(v3(0.0f, 0.0f, 1.0f), 0.9f, v3(0.0f, 0.5f / 0.9f, 0.5f / 0.9f));
+    add_zone(v3(1.0f, 0.0f, 0.0f), 0.1f, v3(5.0f, 0.0f, 0.0f));
+    add_zone(v3(0.0f, 1.0f, 0.0f), 1e-4f, v3(0.0f, 0.0f, 0.0f));
+    relations.whole_m3 *= 2.0f; /* what is left over counts for nothing */
+    assert_near(share_of_largest(lean_of(join_first())), 0.4, 0.03);
 }
 
 /* A zone between two that oppose each other leads as far as the weaker of them weighs little beside it. */
@@ -371,7 +382,7 @@ static void what_is_hardly_beside_is_half_apart(void **state) {
 }
 
 /* Two faces that turn by 18 degrees, all of the push from samples of the first: of a symmetric sum the normal is the middle one. Each sweep leaves c^2 of the
- * error, c the cosine between: 64 sweeps a thousandth, 32 a thirtieth. */
+ * error, c the cosine between: 64 sweeps in all a thousandth, 32 a thirtieth. */
 static void faces_that_turn_little_are_told_apart(void **state) {
     (void)state;
     const float half_angle = 0.158780f;
@@ -501,8 +512,9 @@ int main(void) {
         cmocka_unit_test_setup(half_spaces_of_one_direction_share_their_moment, clear),
         cmocka_unit_test_setup(half_space_without_a_leader_fades, clear),
         cmocka_unit_test_setup(what_weighs_nothing_tells_no_relations_apart, clear),
-        cmocka_unit_test_setup(surface_counts_for_little_more_than_twice_its_share, clear),
+        cmocka_unit_test_setup(surface_counts_for_at_most_twice_what_is_inside, clear),
         cmocka_unit_test_setup(surface_counts_for_more_where_few_samples_are_inside, clear),
+        cmocka_unit_test_setup(what_weighs_next_to_nothing_makes_no_sum_larger, clear),
         cmocka_unit_test_setup(zones_in_conflict_count_by_their_weight, clear),
         cmocka_unit_test_setup(what_lies_above_is_apart, clear),
         cmocka_unit_test_setup(what_is_hardly_beside_is_half_apart, clear),

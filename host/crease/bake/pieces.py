@@ -1,4 +1,4 @@
-"""Convex pieces of the tool's surface: a cover by sets of clusters that bend away from each other."""
+"""Convex pieces of the tool's surface: sets of clusters that bend away from each other, and the samples of each."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from crease.bake.surface import Surface
+from crease.base.errors import MeshError
 from crease.base.native import ffi, lib
+from crease.base.settings import setting
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -99,43 +101,53 @@ def find_pieces(
 
 def _needed(pieces: list[I64], count: int) -> list[I64]:
     """Pieces that cover all clusters that any does: each is the one that covers most of those that were left."""
-    member = np.zeros((len(pieces), count), bool)
-    for i, rows in enumerate(pieces):
-        member[i, rows] = True
-    left, out = member.any(axis=0), []
-    while left.any():
-        most = int(np.argmax((member & left).sum(axis=1)))
-        out.append(pieces[most])
-        left &= ~member[most]
+    of = np.repeat(np.arange(len(pieces)), [len(rows) for rows in pieces])
+    of = of[np.argsort(np.concatenate(pieces), kind="stable")]
+    ends = np.cumsum(np.bincount(np.concatenate(pieces), minlength=count))
+    uncovered = np.array([len(rows) for rows in pieces])
+    left, out = np.ones(count, bool), []
+    while uncovered.max() > 0:
+        most = pieces[int(np.argmax(uncovered))]
+        for cluster in most[left[most]]:
+            np.subtract.at(uncovered, of[ends[cluster - 1] if cluster else 0 : ends[cluster]], 1)
+        left[most] = False
+        out.append(most)
     return out
 
 
-def _at_rim(rows: I64, beside: tuple[I32, I32]) -> I64:
-    """Clusters on either side of the rim of a piece: beside one of the other side."""
+def _at_rim(rows: I64, beside: tuple[I32, I32], centre: F64, normal: F64) -> I64:
+    """Clusters where a piece ends: its own beside one that is not, and those of these that lie above its planes.
+
+    What lies behind all of them is hidden from it.
+    """
     starts, others = beside
     count = len(starts) - 1
     first = np.repeat(np.arange(count), np.diff(starts))
     member = np.zeros(count, bool)
     member[rows] = True
-    return np.unique(first[member[first] != member[others]]).astype(np.int64)
+    rim = np.unique(first[member[first] != member[others]]).astype(np.int64)
+    far = rim[~member[rim]]
+    behind = _lies_behind(centre[far], far, rows, centre, normal, None)
+    return np.concatenate([rim[member[rim]], far[~behind]])
 
 
 def _lies_behind(
-    point: F64, own: I64, rows: I64, centre: F64, normal: F64, slack_m: float
+    point: F64, own: I64, rows: I64, centre: F64, normal: F64, slack_m: float | None
 ) -> npt.NDArray[np.bool_]:
     """Whether points lie behind the planes of clusters, but for that of their own.
 
-    By RISE_MAX, as clusters do, or where those face another way by slack_m.
+    By RISE_MAX, as clusters do, or where those face another way by slack_m, if it is given.
 
     Shapes: point (n, 3); own (n,), the cluster of each; rows: clusters; centre, normal (clusters, 3).
     """
-    out = np.ones(len(point), bool)
+    left = np.arange(len(point))
     for row in rows:
-        way = point - centre[row]
-        bends = normal[own] @ normal[row] > SHARP
-        most = np.where(bends, RISE_MAX * np.linalg.norm(way, axis=1), slack_m)
-        out &= (way @ normal[row] <= most) | (own == row)
-    return out
+        way = point[left] - centre[row]
+        most = RISE_MAX * np.linalg.norm(way, axis=1)
+        if slack_m is not None:
+            most = np.where(normal[own[left]] @ normal[row] > SHARP, most, slack_m)
+        left = left[(way @ normal[row] <= most) | (own[left] == row)]
+    return np.isin(np.arange(len(point)), left)
 
 
 def mark_pieces(
@@ -155,11 +167,16 @@ def mark_pieces(
     normal = normal.astype(np.float64)
     beside = _beside(position_m, cluster, BESIDE * spacing_m)
     pieces = _needed(find_pieces(surface, centre, normal, beside, SLACK * spacing_m), len(centre))
+    if len(pieces) > PIECE_NONE:
+        raise MeshError(
+            f"{len(pieces):,} convex pieces of the tool, at most {PIECE_NONE:,}: give one body, or a larger "
+            f"{setting('spacing_m')}"
+        )
     of_cluster = np.full(len(centre), PIECE_NONE, np.int64)
     out = np.full(len(position_m), PIECE_NONE, np.int64)
-    for piece, rows in enumerate(pieces[:PIECE_NONE]):
+    for piece, rows in enumerate(pieces):
         its = np.isin(cluster, rows)
-        rim = np.concatenate([NOBODY, *(order[i] for i in _at_rim(rows, beside))])
+        rim = np.concatenate([NOBODY, *(order[i] for i in _at_rim(rows, beside, centre, normal))])
         its[rim] = _lies_behind(
             position_m[rim], cluster[rim], rows, centre, normal, EDGE_SLACK * spacing_m
         )

@@ -27,7 +27,7 @@ from crease.base.settings import setting
 BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
 """Records of neighbours that one cluster may have."""
 UNITS_MAX = 2000
-"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that there are no more."""
+"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that few are more."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 SAMPLES_SHARE = 0.7
