@@ -29,7 +29,7 @@ FOUND: dict[str, tuple[tuple[int, int, int], ...]] = {
 }
 
 OPEN_M: dict[tuple[str, tuple[int, int, int]], float] = {
-    ("way_out", (5, 332, 1)): 1.6e-3,
+    ("way_out", (5, 332, 0)): 1.6e-3,
 }
 """A jump that is left, m: of more planes than bound a half-space, which of two as heavy gives way turns at once."""
 
