@@ -308,17 +308,17 @@ static double share_of_largest(double counts) {
     return low;
 }
 
-/* Both push 0.5: the sum of what they push is 1, an eighth of the weight may stand for a quarter of it, half of what the floor does. */
+/* Both push 0.5, and an eighth of the weight is 0.375 at most at first: of 0.875 in all it may be a quarter, 0.4375 of what the floor does. */
 static void surface_counts_for_at_most_twice_what_is_inside(void **state) {
     (void)state;
-    assert_near(share_of_largest(lean_to_wall(0.125f, 100.0)), 0.5, 0.05);
+    assert_near(share_of_largest(lean_to_wall(0.125f, 100.0)), 0.4375, 0.03);
     assert_near(lean_to_wall(0.5f, 100.0), 1.0, 1e-4);
 }
 
-/* Where next to nothing is inside, for ten times that: an eightieth of the weight for a quarter. */
+/* Where next to nothing is inside, for ten times that: an eightieth of the weight for as much. */
 static void surface_counts_for_more_where_few_samples_are_inside(void **state) {
     (void)state;
-    assert_near(share_of_largest(lean_to_wall(0.0125f, 0.01)), 0.5, 0.05);
+    assert_near(share_of_largest(lean_to_wall(0.0125f, 0.01)), 0.4375, 0.06);
     assert_near(lean_to_wall(0.05f, 0.01), 1.0, 1e-4);
 }
 
