@@ -259,8 +259,8 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     const cr_vec3 *unit = r->unit;
     const float *part = r->part[zone];
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
-    float weight = 0.0f, known = 0.0f, area = 0.0f, bends = 0.0f,
-          bent = 0.0f; /* known: of the weight, what has a normal */
+    float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
+    float known = 0.0f; /* of the weight, what has a normal */
     out->zones = out->bound_count = 0u;
     out->led_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
     cone->zones = cone->count = cone->projected = 0u;
@@ -303,7 +303,7 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
         cone->left = v3_mad(cone->left, unit[c], -cone->alpha[c]);
     }
     cone->known = known * per_weight;
-    begin_projection(zones, part, LOOSE / max_f(cone->seen, 1e-6f), cone);
+    begin_projection(zones, part, LOOSE / cone->seen, cone);
 }
 
 /* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond

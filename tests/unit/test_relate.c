@@ -333,6 +333,25 @@ static void what_weighs_little_makes_a_sum_little_larger(void **state) {
     assert_near(share_of_largest(lean_of(join_first())), 0.92, 0.03);
 }
 
+/* By surface, piece and side, whatever is gathered first. */
+static void zones_are_in_the_order_of_their_keys(void **state) {
+    (void)state;
+    static const cr_way_key sorted[4] = {{3u, 0u, 1u}, {3u, 0u, 2u}, {CR_WAY_CURVED, 1u, 0u}, {CR_WAY_CURVED, 0u, 1u}};
+    static const uint32_t gathered[2][4] = {{0u, 1u, 2u, 3u}, {2u, 0u, 3u, 1u}};
+    for (int way = 0; way < 2; way++) {
+        clear(NULL);
+        for (uint32_t z = 0; z < 4u; z++) {
+            add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f))->key = sorted[gathered[way][z]];
+        }
+        for (uint32_t z = 0; z < 4u; z++) {
+            cr_way_relate(&scene, &zones, z, &relations);
+        }
+        for (uint32_t k = 0; k < 4u; k++) {
+            assert_int_equal(gathered[way][relations.order[k]], k);
+        }
+    }
+}
+
 /* A zone between two that oppose each other leads as far as the weaker of them weighs little beside it. */
 static void zones_in_conflict_count_by_their_weight(void **state) {
     (void)state;
@@ -515,6 +534,7 @@ int main(void) {
         cmocka_unit_test_setup(surface_counts_for_at_most_twice_what_is_inside, clear),
         cmocka_unit_test_setup(surface_counts_for_more_where_few_samples_are_inside, clear),
         cmocka_unit_test_setup(what_weighs_little_makes_a_sum_little_larger, clear),
+        cmocka_unit_test_setup(zones_are_in_the_order_of_their_keys, clear),
         cmocka_unit_test_setup(zones_in_conflict_count_by_their_weight, clear),
         cmocka_unit_test_setup(what_lies_above_is_apart, clear),
         cmocka_unit_test_setup(what_is_hardly_beside_is_half_apart, clear),

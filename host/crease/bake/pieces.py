@@ -118,7 +118,7 @@ def _needed(pieces: list[I64], count: int) -> list[I64]:
 def _at_rim(rows: I64, beside: tuple[I32, I32], centre: F64, normal: F64) -> I64:
     """Clusters where a piece ends: its own beside one that is not, and those of these that lie above its planes.
 
-    What lies behind all of them is hidden from it.
+    One that lies behind all of them is not of it for another reason: it is hidden from it.
     """
     starts, others = beside
     count = len(starts) - 1
