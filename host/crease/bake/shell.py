@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from crease.bake.clusters import cluster_order, make_clusters, make_sums
 from crease.bake.layout import LANES, NEIGHBOUR
-from crease.bake.pieces import BESIDE, PIECE_NONE, mark_pieces
+from crease.bake.pieces import PIECE_NONE, mark_pieces
 from crease.bake.samples import Samples, make_samples
 from crease.bake.sphere_tree import ball, make_tree
 from crease.bake.surface import Surface
@@ -27,7 +25,7 @@ from crease.base.settings import setting
 BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
 """Records of neighbours that one cluster may have."""
 UNITS_MAX = 2000
-"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that few are more."""
+"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that there are no more."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 SAMPLES_SHARE = 0.7
@@ -126,24 +124,11 @@ def part_pieces(order: list[I64], pieces: I64) -> list[I64]:
     return out
 
 
-def hanging_together(position_m: F64, order: list[I64], reach_m: float) -> list[I64]:
-    """Clusters of samples each of which is within reach of another: one that reaches across a notch becomes several."""
-    cluster = np.empty(len(position_m), np.int64)
-    for i, ids in enumerate(order):
-        cluster[ids] = i
-    pairs = cKDTree(position_m).query_pairs(reach_m, output_type="ndarray")
-    pairs = pairs[cluster[pairs[:, 0]] == cluster[pairs[:, 1]]]
-    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(position_m),) * 2)
-    part = connected_components(links, directed=False)[1]
-    return [ids[part[ids] == p] for ids in order for p in np.unique(part[ids])]
-
-
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
     """The convex piece of each sample, (n,); a feature is of that of the nearest face sample."""
     face = np.flatnonzero(~samples.feature)
     faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
     order = cluster_order(faces, spacing_m, most=max(LANES, -(-len(face) // UNITS_MAX)))
-    order = hanging_together(faces.position_m, order, BESIDE * spacing_m)
     normal = np.array([unit(faces.area_m2[ids].sum(axis=0)) for ids in order])
     of_face = mark_pieces(normal, faces.position_m, order, spacing_m, surface)
     nearest = cKDTree(faces.position_m).query(samples.position_m)[1]
