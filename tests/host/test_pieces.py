@@ -16,7 +16,7 @@ from crease.bake.pieces import (
     _needed,
     find_pieces,
 )
-from crease.bake.shell import part_pieces
+from crease.bake.shell import hanging_together, part_pieces
 from crease.bake.surface import Surface, make_surface
 from crease.base.errors import MeshError
 from crease.base.native import lib
@@ -174,6 +174,12 @@ def test_a_cluster_of_three_pieces_becomes_two() -> None:
     order = [np.array([3, 0, 1, 5]), np.array([2, 4])]
     parts = part_pieces(order, np.array([4, 9, 9, 7, 4, 4]))
     assert [part.tolist() for part in parts] == [[3, 0, 5], [1], [2, 4]]
+
+
+def test_a_cluster_across_a_notch_becomes_two() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0], [6, 0, 0], [2, 0, 0]])
+    order = [np.array([0, 2, 1, 3]), np.array([4])]
+    assert [part.tolist() for part in hanging_together(points, order, 1.5)] == [[0, 1], [2, 3], [4]]
 
 
 def test_pieces_that_others_cover_are_not_needed() -> None:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from crease.bake.clusters import cluster_order, make_clusters, make_sums
@@ -25,7 +27,11 @@ from crease.base.settings import setting
 BESIDE_MAX = int(lib.CR_IMG_BESIDE_MAX)
 """Records of neighbours that one cluster may have."""
 UNITS_MAX = 2000
-"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that there are no more."""
+"""Parts of a tool's surface that are put together to convex pieces; each has so many samples that few are more."""
+NOTCH = 3.0
+"""Parts of a cluster so many spacings from each other are on two sides of a notch. Rows of samples on slim strips are
+up to 2.5 apart: with 2 a cylinder of 96 strips is fifteen pieces. With none parted a spanner is kicked by 0.53 mm instead
+of 0.31, and also when only those are that have air between."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 SAMPLES_SHARE = 0.7
@@ -124,11 +130,26 @@ def part_pieces(order: list[I64], pieces: I64) -> list[I64]:
     return out
 
 
+def hanging_together(position_m: F64, order: list[I64], reach_m: float) -> list[I64]:
+    """Clusters whose samples hang together by steps of reach_m: one that reaches across a notch becomes several.
+
+    Shapes: position_m (n, 3); order: samples of each cluster.
+    """
+    out = []
+    for ids in order:
+        pairs = cKDTree(position_m[ids]).query_pairs(reach_m, output_type="ndarray")
+        links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(ids), len(ids)))
+        part = connected_components(links, directed=False)[1]
+        out += [ids[part == p] for p in np.unique(part)]
+    return out
+
+
 def pieces_of(samples: Samples, spacing_m: float, surface: Surface) -> I64:
     """The convex piece of each sample, (n,); a feature is of that of the nearest face sample."""
     face = np.flatnonzero(~samples.feature)
     faces = Samples(*(getattr(samples, f.name)[face] for f in fields(Samples)))
     order = cluster_order(faces, spacing_m, most=max(LANES, -(-len(face) // UNITS_MAX)))
+    order = hanging_together(faces.position_m, order, NOTCH * spacing_m)
     normal = np.array([unit(faces.area_m2[ids].sum(axis=0)) for ids in order])
     of_face = mark_pieces(normal, faces.position_m, order, spacing_m, surface)
     nearest = cKDTree(faces.position_m).query(samples.position_m)[1]
