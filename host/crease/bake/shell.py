@@ -30,8 +30,8 @@ UNITS_MAX = 2000
 """Parts of a tool's surface that are put together to convex pieces; each has so many samples that few are more."""
 NOTCH = 3.0
 """Parts of a cluster so many spacings from each other are on two sides of a notch. Rows of samples on slim strips are
-up to 2.5 apart: with 2 a cylinder of 96 strips is fifteen pieces. With none parted a spanner is kicked by 0.53 mm instead
-of 0.31, and also when only those are that have air between."""
+up to 2.5 apart: with 2 a cylinder of 96 strips is fifteen pieces. With none parted, or only those with air between,
+a spanner is kicked by 0.53 mm instead of 0.31."""
 SHARED_SHEET = -0.3
 """Samples whose normals' cosine is below this are on opposite sheets of a thin part: not neighbours."""
 SAMPLES_SHARE = 0.7
