@@ -47,6 +47,11 @@ typedef struct {
     cr_area_work areas[CR_AREAS_MAX];
 } cr_area_set;
 
+/* Coverage where rivals are asked: of strips, at static corners too. */
+static inline uint32_t cr_coverage_of(uint32_t coverage, uint32_t touches) {
+    return touches != 0u && coverage == CR_COVERAGE_SOFT ? CR_COVERAGE_STRIPS : coverage;
+}
+
 /* Where a proxy rests while the tool is inside: state of the proxy responses (rivals/README.md). */
 typedef struct {
     cr_vec3 pos_m;

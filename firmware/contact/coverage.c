@@ -31,10 +31,15 @@ static void cover_by_slope(const xform *pose, const struct cr_img_cluster *c, co
     }
 }
 
-/* Share of a piece of width b that lies below a plane at height h. */
-static float share_below(float h, float width, float most) {
-    float least = WIDTH_MIN * most;
-    return clamp_f(0.5f - h / clamp_f(width, least, most), 0.0f, 1.0f);
+float cr_corner_part(const float *height_m, uint32_t count, float ramp_m) {
+    float first = -3.4e38f, second = -3.4e38f, third = -3.4e38f;
+    for (uint32_t k = 0; k < count; k++) {
+        const float h = height_m[k];
+        third = higher_f(third, lower_f(second, h));
+        second = higher_f(second, lower_f(first, h));
+        first = higher_f(first, h);
+    }
+    return clamp_f(3.0f + CR_CORNER_REACH * third / ramp_m, 0.0f, 1.0f);
 }
 
 /* A piece over a crease is cut by several planes at once. Where they meet convexly it is inside as far as it is below all of
@@ -42,20 +47,27 @@ static float share_below(float h, float width, float most) {
 float cr_cover_by_planes(const cr_planes *p, const struct cr_img_cluster *c, int i, const float *height, float top,
                          float distance) {
     float share = 1.0f;
-    const float ramp = c->ramp[i];
+    const float ramp = c->ramp[i], most = 2.0f * ramp;
+    const float corner = p->reach > 1.0f ? cr_corner_part(height, p->count, ramp) : 0.0f;
+    const float whole_m = (corner > 0.0f ? CR_CORNER_REACH : 1.0f) * ramp, reach_m = cr_corner_reach(corner) * ramp;
     for (uint32_t k = 0; k < p->count; k++) {
-        if (height[k] <= -ramp) {
+        if (height[k] <= -whole_m) {
             continue; /* all of it is below: the width is at most two ramps */
         }
         const cr_vec3 n = p->normal_tool[k];
         /* piece_width in place: called, it took 2,100 instructions more in wall_cube's worst tick on an M7 */
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-        share *= share_below(height[k], sqrtf(max_f(0.0f, width2)), 2.0f * ramp);
+        const float at = height[k] / clamp_f(sqrtf(max_f(0.0f, width2)), WIDTH_MIN * most, most);
+        float its = clamp_f(0.5f - at, 0.0f, 1.0f);
+        if (corner > 0.0f) {
+            its += corner * (cr_square_below(at, cr_rest_of_square(at)) - its);
+        }
+        share *= its;
     }
-    /* Beside an edge the distance is longer than the heights: fade out late, where it comes near the ramp. */
+    /* Beside an edge the distance is longer than the heights: fade out late, where it comes near the end. */
     if (distance > top) {
-        share *= clamp_f(FADE * (ramp - distance) / (ramp - top), 0.0f, 1.0f);
+        share *= clamp_f(FADE * (reach_m - distance) / (reach_m - top), 0.0f, 1.0f);
     }
     return share;
 }
@@ -86,14 +98,21 @@ uint32_t cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const str
     planes.sign = 1.0f;
     for (uint32_t over = at->from_facet & first_lanes(c->count); over != 0u;) {
         int i = take_lane(&over);
-        if (!(abs_f(at->phi_m[i]) < c->ramp[i])) {
+        const float away = abs_f(at->phi_m[i]), ramp = c->ramp[i];
+        if (!(away < CR_CORNER_REACH * ramp)) {
+            continue;
+        }
+        const float found = cr_reach_of_kind(&s->kinds[at->kind[i]]), reach = mode == CR_COVERAGE_STRIPS ? 1.0f : found;
+        count++;
+        if (!(away < reach * ramp)) {
             continue;
         }
         if (at->kind[i] != planes.kind) {
             cr_planes_turn(s, pose, at->kind[i], &planes);
+            planes.reach = reach;
             count += planes.count;
         }
-        count += planes.count;
+        count += (reach > 1.0f ? 2u : 1u) * planes.count;
         coverage[i] = cover_looked_up(&planes, c, at, i);
     }
     return count;

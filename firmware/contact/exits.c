@@ -4,7 +4,8 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
-/* Bent pieces meet in corners so many half-widths from their middles; how a flat one is cut is not known: from its border on it fades. */
+/* Bent pieces, and those amid a flat face, meet in corners so many half-widths from their middles; how one at the border of a flat face is cut is not known: from its
+ * own border on it fades. */
 #define END 1.42f
 #define FLAT_END 1.05f
 /* Exits that are compared on a piece: the shortest ones. */
@@ -69,8 +70,8 @@ static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *
     if (!(out < CR_WAY_REACH)) { /* nor where it is not a number */
         return base_m;
     }
-    const int bent = c->bow[i] > 0.0f;
-    const float full = bent ? END : 1.0f, ends = bent ? END : FLAT_END, at = min_f(out, full);
+    const int wide = c->bow[i] > 0.0f || has_lane(c->inner_mask, i);
+    const float full = wide ? END : 1.0f, ends = wide ? END : FLAT_END, at = min_f(out, full);
     const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - ends), 0.0f, 1.0f);
     const float way_m = first_exit(e, v3_scale(u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
     return base_m + part * (way_m - base_m);

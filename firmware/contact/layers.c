@@ -21,6 +21,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
  * again, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
+#define PARTS_OF_REACHED 11u
 #define PARTS_OF_FACET 12u
 #define PARTS_OF_CURVED 12u
 #define PARTS_OF_MADE 24u
@@ -68,6 +69,18 @@ CR_IN_LANES part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, fl
     const float width = clamp_f(across, WIDTH_MIN * most, most);
     part p = {clamp_f(0.5f - height_m / width, 0.0f, 1.0f), 0.0f, across};
     p.depth_m = p.share < 1.0f ? 0.5f * width * p.share * p.share : -height_m;
+    return p;
+}
+
+/* The same below one plane of several, as far as they are a corner. */
+static part part_below_one(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m, float corner) {
+    part p = part_below(c, i, n, height_m);
+    if (corner > 0.0f) {
+        const float most = 2.0f * c->ramp[i], width = clamp_f(p.across_m, WIDTH_MIN * most, most),
+                    at = height_m / width, rest = cr_rest_of_square(at);
+        p.share += corner * (cr_square_below(at, rest) - p.share);
+        p.depth_m += corner * (width * cr_square_depth(at, rest) - p.depth_m);
+    }
     return p;
 }
 
@@ -124,22 +137,30 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t patch, int i, f
 }
 
 /* How much a lane counts for a plane before all are made to add up to 1: those within half the width of its piece of the nearest. */
-static float share_of(const struct cr_img_cluster *c, int i, const cr_heights *h, uint32_t k) {
-    return max_f(0.0f, h->height_m[k][i] - h->top_m[i] + c->ramp[i]);
+static float share_of(const cr_heights *h, int i, uint32_t k, float reach_m) {
+    return max_f(0.0f, h->height_m[k][i] - h->top_m[i] + reach_m);
 }
 
 /* A lane counts for its nearest plane, shared with those that are nearly as near. of: layers of the planes, as far as they were asked for (bits). */
 static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top, float coverage,
                                  const cr_planes *p, const cr_heights *h, cr_way_layers *out, cr_way_layer **of,
                                  uint32_t *asked) {
-    const float depth = depth_left(part_below(c, i, p->normal_tool[top], h->top_m[i]), coverage);
-    float total = 0.0f;
+    float height_m[CR_KIND_FACETS_MAX], corner = 0.0f, total = 0.0f;
+    if (p->reach > 1.0f) {
+        out->parts += PARTS_OF_SHARE * p->count;
+        for (uint32_t k = 0; k < p->count; k++) {
+            height_m[k] = h->height_m[k][i];
+        }
+        corner = cr_corner_part(height_m, p->count, c->ramp[i]);
+    }
+    const float depth = depth_left(part_below_one(c, i, p->normal_tool[top], h->top_m[i], corner), coverage),
+                reach_m = cr_corner_reach(corner) * c->ramp[i];
     out->parts += PARTS_OF_SHARE * (2u + p->count);
     for (uint32_t k = 0; k < p->count; k++) {
-        total += share_of(c, i, h, k);
+        total += share_of(h, i, k, reach_m);
     }
     for (uint32_t k = 0; k < p->count; k++) {
-        const float its = share_of(c, i, h, k), deep = depth * (its / total);
+        const float its = share_of(h, i, k, reach_m), deep = depth * (its / total);
         if (!(its > 0.0f && deep > 0.0f)) {
             continue;
         }
@@ -374,7 +395,7 @@ static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_
         const int far = (at->entry[i] & CR_TOP_FAR) != 0u;
         out->parts += PARTS_OF_LANE;
         const struct cr_img_kind *kind = &s->kinds[far ? 0u : cr_field_kind(f, at, i)];
-        out->parts += PARTS_OF_SHARE * kind->count;
+        out->parts += PARTS_OF_REACHED * kind->count;
         for (uint32_t k = 0; k < kind->count; k++) {
             const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
             const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);

@@ -93,24 +93,53 @@ static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *firs
     return most != 0u ? most : least;
 }
 
-uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
+/* Bricks within reach_m of a point, and that which it is in. Returns whether they are few enough to be asked. */
+static int box_around(const cr_field *f, cr_vec3 p_world, float reach_m, box *b, int32_t *brick) {
     const struct cr_img_meta *m = f->scene->meta;
     const float p[3] = {p_world.x, p_world.y, p_world.z}, reach = reach_m * f->inv_brick;
-    int32_t middle[3];
-    box b;
+    int32_t middle[3], few = 1;
     for (int a = 0; a < 3; a++) {
         const float at = (p[a] - m->origin_m[a]) * f->inv_brick;
         middle[a] = (int32_t)clamp_f(at, 0.0f, f->grid_max[a]);
-        b.low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
-        b.high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
-        if (b.high[a] - b.low[a] >= BOX_MAX) {
-            return 0u;
+        b->low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
+        b->high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
+        few &= (int32_t)(b->high[a] - b->low[a] < BOX_MAX);
+    }
+    *brick = (middle[2] * f->dims[1] + middle[1]) * f->dims[0] + middle[0];
+    return few;
+}
+
+int cr_corner_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
+    const cr_scene *s = f->scene;
+    int32_t brick;
+    box b;
+    int any = !box_around(f, p_world, reach_m, &b, &brick);
+    for (int32_t z = b.low[2]; z <= b.high[2] && !any; z++) {
+        for (int32_t y = b.low[1]; y <= b.high[1] && !any; y++) {
+            const int32_t start = (z * f->dims[1] + y) * f->dims[0];
+            for (int32_t x = b.low[0]; x <= b.high[0]; x++) {
+                const uint32_t entry = s->top[start + x];
+                any |= (entry & CR_TOP_FAR) == 0u && (s->bricks[entry].creased & CR_BRICK_CORNERED) != 0u;
+            }
         }
     }
-    const uint32_t entry = f->scene->top[(middle[2] * f->dims[1] + middle[1]) * f->dims[0] + middle[0]];
+    return any;
+}
+
+uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
+    int32_t brick;
+    box b;
+    if (!box_around(f, p_world, reach_m, &b, &brick)) {
+        return 0u;
+    }
+    const uint32_t entry = f->scene->top[brick];
     return (entry & CR_TOP_FAR) != 0u || f->scene->bricks[entry].planes == 0u
                ? 0u
                : planes_of_box(f, &f->scene->bricks[entry], &b);
+}
+
+float cr_reach_of_kind(const struct cr_img_kind *kind) {
+    return kind->kind == CR_KIND_CONVEX && kind->count > 2u ? CR_CORNER_REACH : 1.0f;
 }
 
 void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_planes *out) {
@@ -120,6 +149,7 @@ void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_plan
     out->kind = kind;
     out->count = k->count;
     out->sign = k->kind == CR_KIND_CONCAVE ? -1.0f : 1.0f;
+    out->reach = cr_reach_of_kind(k);
     out->spread = 0.0f;
     out->sharp = 0u;
     for (uint32_t i = 0; i < k->count; i++) {
@@ -154,6 +184,7 @@ const cr_planes *cr_planes_alone(const cr_planes *p, cr_vec3 p_tool, float radiu
     one->kind = p->kind;
     one->count = 1u;
     one->sign = p->sign;
+    one->reach = 1.0f;
     one->normal_tool[0] = p->normal_tool[best];
     one->offset_m[0] = p->offset_m[best];
     one->facet[0] = p->facet[best];
@@ -190,7 +221,7 @@ void cr_planes_measure(const cr_planes *p, const struct cr_img_cluster *c, cr_he
     }
     uint32_t under = 0u, below = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        const float top = out->top_m[i], ramp = c->ramp[i];
+        const float top = out->top_m[i], ramp = p->reach * c->ramp[i];
         under |= sign_bit_f(top - ramp) << i;
         below |= sign_bit_f(top + ramp) << i;
     }

@@ -195,7 +195,8 @@ static cr_err check_fine(const cr_scene *s, const struct cr_img_brick *b, uint32
 static cr_err check_brick(const cr_scene *s, const struct cr_img_brick *b, uint32_t *next_fine) {
     const uint32_t cells = b->side, side = cells + 1u, need = side * side * side;
     const uint32_t table = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
-    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u || b->fine > 1u) {
+    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u ||
+        b->creased > (CR_BRICK_CREASED | CR_BRICK_CORNERED) || b->fine > 1u) {
         return CR_ERR_VALUE;
     }
     if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count ||
@@ -375,6 +376,7 @@ static int cluster_is_sound(const cr_scene *s, uint32_t index) {
     const cr_vec3 n = v3_from(c->normal);
     if (c->count < 1u || c->count > CR_LANES || !floats_are_finite(c->x, (size_t)6u * CR_LANES) ||
         ((c->vertex_mask | c->crease_mask) & ~first_lanes(c->count)) != 0u || (c->vertex_mask & c->crease_mask) != 0u ||
+        (c->inner_mask & (c->vertex_mask | c->crease_mask | ~first_lanes(c->count))) != 0u ||
         !(is_unit(c->normal) || v3_dot(n, n) <= 0.0f) || !cr_in_range(c->radius_m, 0.0f, VALUE_MAX) ||
         !pieces_are_sound(s->meta, c)) {
         return 0;

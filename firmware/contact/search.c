@@ -53,7 +53,7 @@ enum { CR_AT, CR_AHEAD, CR_AHEAD_OF_CONTACT };
  * as many feels as it is old, and is the newest for as many. No point of the tool goes farther than samples are apart, and none of a contact in hand gets much deeper:
  * what is thin is not passed, and a hand that presses is stopped. Returns CR_AT where that is not known: after an answer that took one feel, found nothing, or is
  * too old to be felt. */
-CR_OUT_OF_LINE uint32_t look_ahead(const cr_world *w, const cr_felt *newest, cr_pose *ahead) {
+CR_OUT_OF_LINE uint32_t look_ahead(cr_world *w, const cr_felt *newest, cr_pose *ahead) {
     const uint32_t age = newest->stamp - w->answered.stamp;
 #ifdef CR_RIVALS
     if (w->config.response != CR_RESPONSE_WAY_OUT) {
@@ -77,22 +77,32 @@ CR_OUT_OF_LINE uint32_t look_ahead(const cr_world *w, const cr_felt *newest, cr_
     }
     const xform now = cr_xform_from_pose(&newest->pose);
     xform then = cr_xform_from_pose(ahead);
-    float deepest_m = 0.0f;
+    float pushed_m = 0.0f;
     for (uint32_t i = 0; i < w->made.count; i++) {
         const cr_held *h = &w->made.held[i];
         const float deep_m = cr_held_depth(h, cr_xform_point(&now, h->point_tool_m));
-        deepest_m = higher_f(deepest_m, deep_m);
+        pushed_m += higher_f(0.0f, deep_m);
         const float then_m = cr_held_depth(h, cr_xform_point(&then, h->point_tool_m));
         const float low_m = deep_m > 0.0f ? deep_m * (1.0f - DEEPER) : then_m;
         const float high_m = max_f(0.0f, deep_m * (1.0f + DEEPER));
         then.t = v3_mad(then.t, h->normal_world, then_m - clamp_f(then_m, low_m, high_m));
     }
     ahead->pos_m = then.t;
-    const uint32_t where = deepest_m > 0.0f ? CR_AHEAD_OF_CONTACT : CR_AHEAD;
+    w->expected_m = (1.0f - DEEPER) * pushed_m;
+    const uint32_t where = pushed_m > 0.0f ? CR_AHEAD_OF_CONTACT : CR_AHEAD;
     return v3_is_finite(then.t) ? where : (uint32_t)CR_AT;
 }
 
-/* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered: that nothing touches there is no answer where the tool, when
+/* Is what was found much less than was expected, since a face has ended? */
+static int is_left(const cr_world *w, const cr_area *areas, uint32_t count) {
+    float pushed_m = 0.0f;
+    for (uint32_t i = 0; i < count; i++) {
+        pushed_m += areas[i].depth_m;
+    }
+    return w->looks_ahead == CR_AHEAD_OF_CONTACT && !(pushed_m >= 0.9f * w->expected_m);
+}
+
+/* Answer the contact that was found, at the pose it was searched at. Returns whether it is answered: that nothing touches there, or much less, is no answer where the tool, when
  * it was felt, was in a contact that is in hand. */
 static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *hand, cr_area *areas, cr_stats *stats) {
     const uint32_t in_hand = hand->count;
@@ -111,12 +121,13 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
 #ifdef CR_RIVALS
     w->proxy.held = w->set.hit_count > 0u ? w->proxy.held : 0u;
 #endif
-    if (hand->count > 0u) {
+    if (is_left(w, areas, hand->count)) {
+        hand->count = in_hand;
+        hand->ahead = 0u;
+        w->again = 1u;
+    } else if (hand->count > 0u) {
         keep(at, areas, hand);
         w->answered = w->searched;
-    } else if (w->looks_ahead == CR_AHEAD_OF_CONTACT) {
-        hand->count = in_hand;
-        w->again = 1u;
     }
     return !w->again;
 }

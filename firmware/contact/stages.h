@@ -10,6 +10,9 @@
 #include "contact/math3.h"
 #include "crease.h"
 
+/* Beside the modes of cr_coverage: soft, of strips at static corners too. For rivals. */
+#define CR_COVERAGE_STRIPS 2u
+
 /* Work is counted in lookups of 16 points near the surface, not beside a crease, and summed in parts of one. */
 #define CR_WORK_PARTS 256u
 /* Parts of a unit: of a lane that is looked up, and where the image has samples; beside a crease, its cell, and where planes meet, each of them, and two more; of a lane that planes cut, or where
@@ -88,10 +91,19 @@ typedef struct {
     float sign;
     float spread;   /* largest |difference| of two normals */
     uint32_t sharp; /* 1: two normals point away from each other */
+    float
+        reach; /* half-widths from its middle up to which they cut a piece: CR_CORNER_REACH at a static corner, else 1 */
     uint32_t facet[CR_KIND_FACETS_MAX];
     cr_vec3 normal_tool[CR_KIND_FACETS_MAX];
     float offset_m[CR_KIND_FACETS_MAX];
 } cr_planes;
+
+/* A strip of some width ends at half of it. Where four square pieces meet a static corner comes in between their middles: there each counts as a square
+ * that is seen along its diagonal, whose second moment is the same, and which reaches so many times as far: to its corners. */
+#define CR_CORNER_REACH 1.4142136f
+
+/* Purpose  how far planes of a kind may cut pieces, in half-widths. */
+float cr_reach_of_kind(const struct cr_img_kind *kind);
 
 /* Samples of a cluster above the planes of that convex solid, and lanes by that. */
 typedef struct {
@@ -104,6 +116,9 @@ typedef struct {
 
 /* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none. */
 uint32_t cr_planes_around(const cr_field *field, cr_vec3 p_world, float reach_m);
+
+/* Purpose  whether a static corner may cut pieces within reach_m of a point, on every axis.   Output  1 where that is more bricks than are asked. */
+int cr_corner_around(const cr_field *field, cr_vec3 p_world, float reach_m);
 
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
@@ -126,7 +141,7 @@ typedef struct {
     uint16_t covered; /* lanes with any coverage */
     uint16_t inside;  /* lanes with phi <= 0 */
     uint16_t
-        near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
+        near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces with phi < ramp */
     uint16_t area;   /* CR_HIT_NONE; set by a response of rivals/: index of the contact area */
     uint16_t whole;  /* 1: every lane fully covered */
     uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: look it up */
@@ -135,6 +150,12 @@ typedef struct {
 #endif
 } cr_hit;
 #define CR_HIT_NONE 0xffffu
+
+/* Purpose  lanes that may be the deepest: those inside, and those whose piece may be. */
+static inline uint32_t cr_measured_lanes(const struct cr_img_cluster *c, const cr_hit *hit) {
+    const uint32_t features = (uint32_t)(c->crease_mask | c->vertex_mask);
+    return ((hit->covered & (hit->inside | features)) | hit->near) & first_lanes(c->count);
+}
 
 /* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
 typedef struct {
@@ -267,6 +288,26 @@ static inline float piece_width(const struct cr_img_cluster *c, int i, cr_vec3 n
     return sqrtf(higher_f(0.0f, width2));
 }
 
+/* Purpose  how far a convex solid is a corner to a piece, 0..1, by the third highest of the heights of its middle above the planes: in full where that plane may cut it too, none from
+ *          half as far again below on.   Shapes  height_m[count]. */
+float cr_corner_part(const float *height_m, uint32_t count, float ramp_m);
+
+/* Of a square that is seen along its diagonal, its middle this many widths above a plane: by the share of the diagonal that is left beyond the plane, the part that lies below it, and its mean
+ * depth in widths, what is outside counting as none. */
+static inline float cr_rest_of_square(float height) { return higher_f(0.0f, 1.0f - CR_CORNER_REACH * abs_f(height)); }
+
+static inline float cr_square_below(float height, float rest) {
+    const float less = 0.5f * rest * rest;
+    return height > 0.0f ? less : 1.0f - less;
+}
+
+static inline float cr_square_depth(float height, float rest) {
+    return CR_CORNER_REACH / 12.0f * rest * rest * rest + higher_f(0.0f, -height);
+}
+
+/* Ramps up to which a piece reaches that is so far at a corner. */
+static inline float cr_corner_reach(float corner) { return 1.0f + (CR_CORNER_REACH - 1.0f) * corner; }
+
 /* Planes that are so much lower than another do not matter to a sample, m. */
 static inline float apart_of(const struct cr_img_meta *m) { return max_f(m->crease_m, 2.0f * m->ramp_max_m); }
 
@@ -278,7 +319,7 @@ static inline cr_vec3 spread_times(const struct cr_img_cluster *c, int i, cr_vec
 
 /* Purpose  part of each sample's piece of surface that is inside the static object: in or out when mode is hard.
  * Shapes   at: what was looked up at the cluster's points.   Output  coverage[CR_LANES], 0..1.
- * Returns  planes that lanes were cut by, and those that were turned for it.   Source   DESIGN.md "Point shell and coverage". */
+ * Returns  planes that lanes were cut by, twice those of a corner, those that were turned for it, and lanes that were asked for them.   Source   DESIGN.md "Point shell and coverage". */
 uint32_t cr_cover(const cr_scene *scene, const xform *world_from_tool, uint32_t mode,
                   const struct cr_img_cluster *cluster, const cr_lookup *at, float *coverage);
 
@@ -325,10 +366,19 @@ typedef struct {
     cr_lookup centres;
 } cr_batch;
 
+/* A cluster and the sphere round it. */
+typedef struct {
+    uint32_t cluster;
+    uint32_t slot;    /* of the sphere, as in cr_motion, */
+    int lane;         /* and in the batch */
+    cr_vec3 centre_m; /* tool frame */
+    cr_vec3 at_m;     /* the same, world */
+    float radius_m, margin_m, rho;
+} cr_leaf;
+
 /* What is known of the cluster in hand. */
 typedef struct {
-    uint32_t slot; /* its sphere, as in cr_motion, */
-    int lane;      /* and in the batch */
+    cr_leaf leaf;
     cr_looked looked;
     float coverage[CR_LANES];
     union {

@@ -68,7 +68,8 @@ struct cr_world {
     cr_motion motion;
     cr_descent search;
     cr_felt searched;     /* the one that is searched for, at motion.last: */
-    uint32_t looks_ahead; /* not 0: where it is expected when it is answered */
+    uint32_t looks_ahead; /* not 0: where it is expected when it is answered, */
+    float expected_m;     /* and how far the contacts in hand push there together, at least */
     cr_felt answered;     /* the last that was, and touched */
     uint32_t again;       /* 1: where it was expected nothing touched: once more, where it was */
     uint32_t found;       /* 1: at its end, and not answered yet */

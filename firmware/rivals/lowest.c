@@ -236,7 +236,7 @@ static float lowest_on_faces(const spot *r, uint32_t lanes, float best) {
     cr_lookup at;
     cr_lanes_to_world(in->world_from_tool, c->x, c->y, c->z, &world);
     cr_field_look_up_lanes(in->field, &world, lanes, &at);
-    (void)cr_cover(in->field->scene, in->world_from_tool, in->config->coverage, c, &at, coverage);
+    (void)cr_cover(in->field->scene, in->world_from_tool, cr_coverage_of(in->config->coverage, 1u), c, &at, coverage);
     for (int i = 0; i < CR_LANES; i++) {
         place.x[i] = c->x[i];
         place.y[i] = c->y[i];
@@ -365,6 +365,7 @@ static float lowest_near(const cr_respond_input *in, const cr_hit *hit, const pr
     }
     if (planes->kind != hit->planes && lanes != 0u) {
         cr_planes_turn(in->field->scene, in->world_from_tool, hit->planes, planes);
+        planes->reach = 1.0f;
     }
     while (lanes != 0u) {
         const int i = take_lane(&lanes);

@@ -60,6 +60,43 @@ static void piece_beside_an_edge_fades_late(void **state) {
     assert_near((double)cr_cover_by_planes(&p, &c, 0, height_m, top_m, RAMP_M) / full, 0.0, 1e-6);
 }
 
+static float share_of_square(float height) { return cr_square_below(height, cr_rest_of_square(height)); }
+
+/* A piece of width 1 at a static corner: a square that is seen along its diagonal. Its share goes on to 0.707 from its middle, where a strip's ends at 0.5, and is the
+ * slope of its mean depth; both have the same second moment, so far below and above they are as deep. */
+static void piece_at_a_corner_reaches_to_its_corners(void **state) {
+    (void)state;
+    const float step = 1e-3f;
+    double summed = 0.0, moment = 0.0; /* from above all of it on, down; of the density, what the share changes by */
+    assert_near((double)share_of_square(0.0f), 0.5, 1e-6);
+    assert_true(share_of_square(0.69f) > 1e-4f);
+    assert_near((double)share_of_square(0.71f), 0.0, 1e-9);
+    assert_near((double)share_of_square(-0.71f), 1.0, 1e-6);
+    for (int i = 800; i > -800; i--) {
+        const float h = (float)i * step;
+        const double more = (double)(share_of_square(h - step) - share_of_square(h));
+        assert_true(more >= -1e-6);
+        assert_near((double)cr_square_depth(h, cr_rest_of_square(h)), summed, 2e-5);
+        summed += (double)share_of_square(h - 0.5f * step) * (double)step;
+        moment += more * (double)h * (double)h;
+    }
+    assert_near(moment, 1.0 / 12.0, 1e-3);
+}
+
+/* Three planes are a corner to a piece that all three of them may cut, and two never are. */
+static void corner_is_where_three_planes_cut(void **state) {
+    (void)state;
+    const float at[3] = {0.2f * RAMP_M, -0.1f * RAMP_M, -1.4f * RAMP_M};
+    assert_near((double)cr_corner_part(at, 2u, RAMP_M), 0.0, 1e-9);
+    assert_near((double)cr_corner_part(at, 3u, RAMP_M), 1.0, 1e-6);
+    const float beside[4] = {-2.12f * RAMP_M, 0.2f * RAMP_M, -3.0f * RAMP_M, 0.1f * RAMP_M};
+    assert_near((double)cr_corner_part(beside, 4u, RAMP_M), 0.0, 0.01);
+    const float between[3] = {0.2f * RAMP_M, -1.77f * RAMP_M, 0.1f * RAMP_M};
+    assert_near((double)cr_corner_part(between, 3u, RAMP_M), 0.5, 0.01);
+    assert_near((double)cr_corner_reach(0.0f), 1.0, 1e-6);
+    assert_near((double)cr_corner_reach(1.0f), sqrt(2.0), 1e-6);
+}
+
 /* One lane, as deep as this inside of a facet: the share of it that still counts for that. Bricks and reach as host/crease/bake/voxmap.py lays them out:
  * distances end at the diagonal of a brick and 1.1 times the reach. */
 static double share_that_stays(double depth_m, double reach_m, double voxel_m) {
@@ -252,6 +289,8 @@ int main(void) {
         cmocka_unit_test(the_lightest_zone_gives_way),
         cmocka_unit_test(level_piece_fades_in_over_a_tenth_of_its_width),
         cmocka_unit_test(piece_beside_an_edge_fades_late),
+        cmocka_unit_test(piece_at_a_corner_reaches_to_its_corners),
+        cmocka_unit_test(corner_is_where_three_planes_cut),
         cmocka_unit_test(surfaces_fade_where_the_bricks_end),
         cmocka_unit_test(a_quarter_of_a_side_counts_in_full),
         cmocka_unit_test(normals_are_one_but_for_rounding),

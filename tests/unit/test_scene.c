@@ -341,8 +341,19 @@ static void scene_refuses_counts_out_of_range(void **state) {
         assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), sides[i]), CR_ERR_VALUE);
     }
     assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 16u), CR_ERR_VALUE);
-    assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 2u << 16), CR_ERR_VALUE);
+    assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 4u << 16), CR_ERR_VALUE);
     assert_int_equal(with_word(CR_SEC_BRICKS, offsetof(struct cr_img_brick, side), 8u | 2u << 24), CR_ERR_VALUE);
+    /* A flat face goes on round faces alone, and round lanes that there are: the first cluster has 16 of them, the last are corners. */
+    restore();
+    struct cr_img_cluster *c = crt_section(damaged, CR_SEC_CLUSTERS);
+    c->inner_mask = 0xffffu;
+    assert_int_equal(open_sealed(), CR_OK);
+    c += crt_row(damaged, CR_SEC_CLUSTERS)->count - 1u;
+    assert_true(c->vertex_mask != 0u);
+    c->inner_mask = c->vertex_mask;
+    assert_int_equal(open_sealed(), CR_ERR_VALUE);
+    c->inner_mask = (uint16_t)~first_lanes(c->count);
+    assert_int_equal(open_sealed(), c->count == CR_LANES ? CR_OK : CR_ERR_VALUE);
     /* Planes have to be those of a kind that has some, and so has the kind then. */
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, 1u << 16), CR_ERR_VALUE);
     assert_int_equal(PAST(CR_SEC_BRICKS, struct cr_img_brick, kind, 1u << 16 | 1u), CR_OK);

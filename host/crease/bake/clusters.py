@@ -83,6 +83,7 @@ def make_clusters(samples: Samples, groups: list[I64]) -> npt.NDArray[Any]:
     out["count"] = count
     out["crease_mask"] = (samples.crease[lanes] & real) @ (1 << lane)
     out["vertex_mask"] = (samples.vertex[lanes] & real) @ (1 << lane)
+    out["inner_mask"] = (samples.inner[lanes] & real) @ (1 << lane)
     out["normal"] = unit((area * real[:, :, None]).sum(axis=1))
     mean = (position * real[:, :, None]).sum(axis=1) / count[:, None]
     out["radius_m"] = rounded_up(np.linalg.norm(position - mean[:, None], axis=2).max(axis=1))
