@@ -58,7 +58,7 @@ float cr_cover_by_planes(const cr_planes *p, const struct cr_img_cluster *c, int
         /* piece_width in place: called, it took 2,100 instructions more in wall_cube's worst tick on an M7 */
         float cross = c->wxy[i] * n.x * n.y + c->wyz[i] * n.y * n.z + c->wzx[i] * n.z * n.x;
         float width2 = c->wxx[i] * n.x * n.x + c->wyy[i] * n.y * n.y + c->wzz[i] * n.z * n.z + 2.0f * cross;
-        const float at = height[k] / clamp_f(sqrtf(max_f(0.0f, width2)), WIDTH_MIN * most, most);
+        const float at = height[k] / clamp_f(sqrtf(higher_f(width2, 0.0f)), WIDTH_MIN * most, most);
         float its = clamp_f(0.5f - at, 0.0f, 1.0f);
         if (corner > 0.0f) {
             its += corner * (cr_square_below(at, cr_rest_of_square(at)) - its);

@@ -159,10 +159,10 @@ static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e
     }
 }
 
-/* How far the exit through planes is trusted, the steepest of them so steep; where planes are all there is, one that is near is: it lies where they are known. */
-static float sure_of(const cr_way_half *half, float steep, float near) {
+/* How far the exit through planes is trusted, the steepest of them so steep. */
+static float sure_of(const cr_way_half *half, float steep) {
     const float curved = min_f(1.0f, half->curved_m3 / (CURVED * half->weight_m3));
-    const float flat = higher_f(near, clamp_f((steep - CR_WAY_STEEP_MIN) / (STEEP - CR_WAY_STEEP_MIN), 0.0f, 1.0f));
+    const float flat = clamp_f((steep - CR_WAY_STEEP_MIN) / (STEEP - CR_WAY_STEEP_MIN), 0.0f, 1.0f);
     const float beside = clamp_f((steep - STEEP_MIN_CURVED) / (STEEP_CURVED - STEEP_MIN_CURVED), 0.0f, 1.0f);
     return flat + curved * (beside - flat);
 }
@@ -185,8 +185,7 @@ static float way_of_lane(const cr_way_scratch *scratch, int i, uint32_t *places)
     }
     const float most_m = FAR_MAX * r->half->deep_m + r->c->ramp[i],
                 way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits, places)) : most_m;
-    const float near = clamp_f(2.0f - way_m / r->c->ramp[i], 0.0f, 1.0f);
-    const float sure = sure_of(r->half, scratch->ways.steep[i], near);
+    const float sure = sure_of(r->half, scratch->ways.steep[i]);
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(r->gone_m[i], way_m) : way_m;
 }
 

@@ -16,10 +16,9 @@
 /* Work, in parts of a unit: a step, whatever it does; a cluster that is asked for planes, one over cells of the image, beside its lookup, and one over planes,
  * beside each of them; a group of the tree that is woken, and that is entered; a leaf; spheres that are looked up, beside their lookup; a lighter zone. */
 #define PARTS_OF_STEP 6u
-#define PARTS_OF_AROUND 48u
-#define PARTS_OF_CORNER 64u
-#define PARTS_OF_CELLS 220u
-#define PARTS_OF_POINTS 176u
+#define PARTS_OF_AROUND 80u
+#define PARTS_OF_CELLS 208u
+#define PARTS_OF_POINTS 144u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
@@ -79,7 +78,6 @@ typedef struct {
     float slack_out_m; /* how far a looked-up distance may be off outside the static object, plus rounding */
     float slack_in_m;  /* the same inside */
     float apart_m;     /* a plane this much lower than another does not matter */
-    float reach;       /* ramps up to which a sample may be covered */
 } walk;
 
 static void look_up(const walk *w, const cr_lanes3 *world, uint32_t lanes, cr_lookup *out) {
@@ -102,8 +100,11 @@ cr_hit *cr_add_hit(cr_contact_set *set, uint32_t cluster, cr_stats *stats) {
     }
     cr_hit *hit = &set->hits[set->hit_count++];
     hit->cluster = cluster;
-    hit->area = CR_HIT_NONE;
     hit->planes = 0u;
+    hit->facet = CR_FACET_NONE;
+#ifdef CR_RIVALS
+    hit->area = CR_HIT_NONE;
+#endif
     return hit;
 }
 
@@ -118,34 +119,19 @@ static void take_whole(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
     hit->covered = 0xffffu;
     hit->inside = 0xffffu;
     hit->near = (uint16_t)w->scene->clusters[cluster].crease_mask;
-    hit->whole = 1u;
     w->set->contacts += w->scene->clusters[cluster].count;
     cr_touch_whole(w->field, hit, middle, &b->centres, lane, w->set, w->stats);
 }
 #endif
 
-/* A leaf in hand. */
-static void take_leaf(const walk *w, uint32_t slot, const cr_batch *b, int lane) {
-    const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
-    const uint32_t at = slot % CR_LANES;
-    cr_leaf *f = &w->search->in_hand.leaf;
-    CR_ASSERT(g->leaf != 0u && at < g->count && g->child[at] < w->scene->cluster_count && slot < w->motion->wake_count);
-    f->cluster = g->child[at];
-    f->slot = slot;
-    f->lane = lane;
-    f->centre_m = v3(g->x[at], g->y[at], g->z[at]);
-    f->at_m = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    f->radius_m = g->radius[at];
-    f->margin_m = g->margin[at];
-    f->rho = g->rho[at];
-}
-
-/* How far the leaf in hand may go at least before a static corner may cut pieces of it. */
-static float apart_from_corners(const walk *w) {
-    const cr_leaf *f = &w->search->in_hand.leaf;
-    const float way_m = w->reach * f->margin_m;
-    w->search->spent += PARTS_OF_CORNER;
-    return cr_corner_around(w->field, f->at_m, f->radius_m + way_m) ? 0.0f : way_m;
+/* Ramps up to which a sample may be covered: farther at static corners, where there are any; rivals have none. */
+static float reach_of(const walk *w) {
+#ifdef CR_RIVALS
+    return w->options->touches ? 1.0f : CR_CORNER_REACH;
+#else
+    (void)w;
+    return CR_CORNER_REACH;
+#endif
 }
 
 /* Smallest distance that any of 16 points still has to go before it is covered, from so many ramps on. */
@@ -159,15 +145,6 @@ static float smallest_clearance(const struct cr_img_cluster *c, const float *phi
         least = lower_f(least, clearance[i]);
     }
     return least;
-}
-
-/* How far the leaf in hand may go before a point of it is covered: farther where no static corner is near. */
-static float clearance_of(const walk *w, const float *phi_m) {
-    const cr_leaf *f = &w->search->in_hand.leaf;
-    const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
-    const float wide_m = smallest_clearance(c, phi_m, w->reach, w->slack_out_m), least_m = max_f(0.0f, wide_m);
-    const float way_m = wide_m < w->reach * f->margin_m ? apart_from_corners(w) : 0.0f;
-    return way_m > least_m ? clamp_f(smallest_clearance(c, phi_m, 1.0f, w->slack_out_m), least_m, way_m) : least_m;
 }
 
 /* The cluster in hand: over planes, or none when it was looked up. */
@@ -186,9 +163,8 @@ static cr_looked *take_in_hand(const walk *w, uint32_t cluster, const cr_planes 
 
 /* The hit of a cluster with covered lanes, and what it is inside of. */
 static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane) {
-    const int whole = l->full == first_lanes(l->c->count);
 #ifdef CR_RIVALS
-    if (w->options->touches && whole) {
+    if (w->options->touches && l->full == first_lanes(l->c->count)) {
         take_whole(w, l->cluster, b, lane);
         return;
     }
@@ -209,8 +185,6 @@ static void take_points(walk *w, const cr_looked *l, const cr_batch *b, int lane
     hit->covered = (uint16_t)l->covered;
     hit->inside = (uint16_t)l->inside;
     hit->near = (uint16_t)l->near;
-    hit->whole = (uint16_t)whole;
-    hit->planes = l->planes != NULL ? (uint16_t)l->planes->kind : 0u;
     w->set->contacts += cr_count_lanes(l->inside);
     cr_way_add(w->set, w->set->hit_count - 1u, l);
     w->search->hand = CR_HAND_ADDING;
@@ -230,15 +204,6 @@ static uint32_t find_near(const struct cr_img_cluster *c, uint32_t reached, uint
     return (reached & c->crease_mask) | (covered & within & ~inside & ~(uint32_t)(c->crease_mask | c->vertex_mask));
 }
 
-static void look_up_points(walk *w) {
-    cr_in_hand *in = &w->search->in_hand;
-    const struct cr_img_cluster *c = &w->scene->clusters[in->leaf.cluster];
-    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
-    cr_field_look_up(w->field, &in->world, &in->at);
-    w->search->spent += PARTS_OF_CELLS + in->at.parts;
-    w->search->hand = CR_HAND_LOOKED_UP;
-}
-
 /* Coverage of the options; rivals have strips at static corners too. */
 static uint32_t coverage_of(const walk *w) {
 #ifdef CR_RIVALS
@@ -248,10 +213,20 @@ static uint32_t coverage_of(const walk *w) {
 #endif
 }
 
+static void look_up_points(walk *w, uint32_t cluster, uint32_t slot, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
+    cr_in_hand *in = &w->search->in_hand;
+    cr_lanes_to_world(w->pose, c->x, c->y, c->z, &in->world);
+    cr_field_look_up(w->field, &in->world, &in->at);
+    w->search->spent += PARTS_OF_CELLS + in->at.parts;
+    in->slot = slot;
+    in->lane = lane;
+    w->search->hand = CR_HAND_LOOKED_UP;
+}
+
 /* What is covered of a cluster that was looked up. Returns how far the tool may move before it needs another look; 0 when it is in contact. */
-static float cover_points(walk *w, const cr_batch *b) {
-    const cr_leaf *f = &w->search->in_hand.leaf;
-    const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
+static float cover_points(walk *w, uint32_t cluster, const cr_batch *b, int lane) {
+    const struct cr_img_cluster *c = &w->scene->clusters[cluster];
     const uint32_t used = first_lanes(c->count);
     cr_in_hand *in = &w->search->in_hand;
     const cr_lookup *at = &in->at;
@@ -267,14 +242,14 @@ static float cover_points(walk *w, const cr_batch *b) {
     }
     covered &= used;
     if (covered == 0u) {
-        return clearance_of(w, at->phi_m);
+        return max_f(0.0f, smallest_clearance(c, at->phi_m, reach_of(w), w->slack_out_m));
     }
-    cr_looked *l = take_in_hand(w, f->cluster, NULL);
+    cr_looked *l = take_in_hand(w, cluster, NULL);
     l->covered = covered;
     l->full = full & used;
     l->inside = ~outside & used;
     l->near = find_near(c, near, within, covered, ~outside);
-    take_points(w, l, b, f->lane);
+    take_points(w, l, b, lane);
     return 0.0f;
 }
 
@@ -302,6 +277,14 @@ static void let_sleep(const walk *w, uint32_t slot, float rho, float clearance_m
     w->motion->wake_m[slot] = w->motion->slide_m + w->motion->turn_rad * rho + clearance_m * 0.999999f;
 }
 
+/* A cluster and the sphere round it, in the tool frame. */
+typedef struct {
+    uint32_t cluster;
+    cr_vec3 centre_m;
+    float radius_m, margin_m, rho;
+    float free_m; /* how far it may go where no static corner is near; 0 or less: not known */
+} leaf;
+
 /* The answer asks for each of several walls that meet concavely; a response of rivals/ for the nearest. */
 static int asks_for_each(const walk *w) {
 #ifdef CR_RIVALS
@@ -312,8 +295,15 @@ static int asks_for_each(const walk *w) {
 #endif
 }
 
-static float measure_points(walk *w, const cr_batch *b) {
-    const cr_leaf *f = &w->search->in_hand.leaf;
+/* How far a cluster beside planes may go before a point of it is covered: those planes hold as far as its margin, and if they are no corner a point is not
+ * covered before its ramp; beyond there may be one. */
+static float clearance_beside(const walk *w, const leaf *f, float reach, const float *phi_m) {
+    const float least_m = smallest_clearance(&w->scene->clusters[f->cluster], phi_m, reach, w->slack_out_m);
+    const float beyond_m = (reach_of(w) - reach) * f->margin_m;
+    return max_f(0.0f, beyond_m > 0.0f ? max_f(min_f(least_m, f->margin_m), least_m - beyond_m) : least_m);
+}
+
+static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
     const uint32_t used = first_lanes(c->count);
     cr_in_hand *in = &w->search->in_hand;
@@ -346,34 +336,35 @@ static float measure_points(walk *w, const cr_batch *b) {
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = h->top_m[i] * p->sign;
         }
-        return clearance_of(w, coverage);
+        return clearance_beside(w, f, all->reach, coverage);
     }
     cr_looked *l = take_in_hand(w, f->cluster, p);
     l->covered = covered;
     l->full = full;
     l->inside = inside;
     l->near = find_near(c, near, within, covered, inside);
-    take_points(w, l, b, f->lane);
+    take_points(w, l, b, lane);
     return 0.0f;
 }
 
 /* A cluster over planes; one over cells is looked up, to be covered next. */
-static void look_at_points(walk *w, const cr_batch *b) {
-    const cr_leaf *f = &w->search->in_hand.leaf;
-    const uint32_t kind = cr_planes_around(w->field, f->at_m, f->radius_m + f->margin_m);
+static void look_at_points(walk *w, const leaf *f, uint32_t slot, const cr_batch *b, int lane) {
+    const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
+    const uint32_t kind = cr_planes_around(w->field, centre, f->radius_m + f->margin_m);
     w->stats->points += w->scene->clusters[f->cluster].count;
     w->search->spent += PARTS_OF_AROUND;
     if (kind == 0u) {
-        look_up_points(w);
+        look_up_points(w, f->cluster, slot, lane);
         return;
     }
     cr_planes *planes = &w->search->planes;
     if (planes->kind != kind) {
         cr_planes_turn(w->scene, w->pose, kind, planes);
-        planes->reach = lower_f(planes->reach, w->reach);
+        planes->reach = lower_f(planes->reach, reach_of(w));
         w->search->spent += CR_PARTS_OF_CUT * planes->count;
     }
-    let_sleep(w, f->slot, f->rho, measure_points(w, b));
+    const float free_m = planes->reach < reach_of(w) ? min_f(f->free_m, f->margin_m) : 0.0f;
+    let_sleep(w, slot, f->rho, free_m > 0.0f ? free_m : measure_points(w, f, b, lane));
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */
@@ -396,29 +387,33 @@ static uint32_t find_awake(const walk *w, const struct cr_img_group *g, uint32_t
 static void visit_cluster(walk *w, uint32_t slot, const cr_batch *b, int lane) {
     const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
     const uint32_t at = slot % CR_LANES;
-    const float phi = b->centres.phi_m[lane], margin = g->margin[at], reach = w->reach * margin;
-    float clearance = phi - g->radius[at] - reach - w->slack_out_m;
-    take_leaf(w, slot, b, lane);
+    leaf f;
+    f.cluster = g->child[at];
+    CR_ASSERT(g->leaf != 0u && at < g->count && f.cluster < w->scene->cluster_count && slot < w->motion->wake_count);
+    f.centre_m = v3(g->x[at], g->y[at], g->z[at]);
+    f.radius_m = g->radius[at];
+    f.margin_m = g->margin[at];
+    f.rho = g->rho[at];
+    f.free_m = 0.0f;
+    const float phi = b->centres.phi_m[lane], reach_m = f.radius_m + reach_of(w) * f.margin_m;
     if (w->options->skip & CR_SKIP_TREE) {
-        const float narrow = clearance + (reach - margin);
-        if (clearance <= 0.0f && narrow > 0.0f) {
-            clearance = min_f(narrow, apart_from_corners(w));
-        }
+        const float clearance = phi - reach_m - w->slack_out_m;
+        f.free_m = phi - f.radius_m - f.margin_m - w->slack_out_m;
         if (clearance > 0.0f) {
-            let_sleep(w, slot, g->rho[at], clearance);
+            let_sleep(w, slot, f.rho, clearance);
             return;
         }
-        if (-phi > g->radius[at] + reach + w->slack_in_m) {
+        if (-phi > reach_m + w->slack_in_m) {
             w->stats->clusters_inside++;
 #ifdef CR_RIVALS
             if (w->options->touches) {
-                take_whole(w, g->child[at], b, lane);
+                take_whole(w, f.cluster, b, lane);
                 return;
             }
 #endif
         }
     }
-    look_at_points(w, b);
+    look_at_points(w, &f, slot, b, lane);
 }
 
 /* Look the leaf spheres up that wait. */
@@ -455,9 +450,11 @@ static void visit_next(walk *w) {
 /* What of the cluster that was looked up is covered. */
 static void cover_next(walk *w) {
     cr_descent *s = w->search;
-    const cr_leaf *f = &s->in_hand.leaf;
+    const uint32_t slot = s->in_hand.slot;
+    const struct cr_img_group *g = &w->scene->groups[slot / CR_LANES];
+    const uint32_t at = slot % CR_LANES;
     s->hand = CR_HAND_EMPTY;
-    let_sleep(w, f->slot, f->rho, cover_points(w, &s->batch));
+    let_sleep(w, slot, g->rho[at], cover_points(w, g->child[at], &s->batch, s->in_hand.lane));
 }
 
 /* Look at the spheres of an inner group: free lanes go to sleep; returns those to descend into. */
@@ -473,7 +470,7 @@ static uint32_t find_open(walk *w, uint32_t group, uint32_t lanes) {
     look_up(w, &world, lanes, &centres);
     for (uint32_t left = lanes; left != 0u;) {
         int i = take_lane(&left);
-        float clearance = centres.phi_m[i] - g->radius[i] - w->reach * g->margin[i] - w->slack_out_m;
+        float clearance = centres.phi_m[i] - g->radius[i] - reach_of(w) * g->margin[i] - w->slack_out_m;
         if (clearance > 0.0f) {
             let_sleep(w, group * CR_LANES + (uint32_t)i, g->rho[i], clearance);
             lanes &= ~(1u << i);
@@ -577,7 +574,7 @@ static int tool_is_free(walk *w) {
     }
     cr_field_look_up_lanes(w->field, &p, 1u, &at);
     w->stats->nodes++;
-    float clearance = at.phi_m[0] - m->root_radius_m - w->reach * m->ramp_max_m - w->slack_out_m;
+    float clearance = at.phi_m[0] - m->root_radius_m - reach_of(w) * m->ramp_max_m - w->slack_out_m;
     w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : WAKE_NOW;
     return clearance > 0.0f;
 }
@@ -610,13 +607,9 @@ int cr_detect(const cr_field *field, const xform *pose, const cr_detect_options 
               cr_descent *search, cr_contact_set *set, cr_stats *stats) {
     const float scale = abs_f(pose->t.x) + abs_f(pose->t.y) + abs_f(pose->t.z) + field->scene->meta->tool_radius_m;
     const float rounding = ROUNDING_M + 1e-6f * scale;
-    walk w = {field,   field->scene, pose,
-              options, motion,       search,
-              set,     stats,        field->scene->meta->error_out_m + rounding,
-              0.0f,    0.0f,         CR_CORNER_REACH};
-#ifdef CR_RIVALS
-    w.reach = options->touches ? 1.0f : CR_CORNER_REACH;
-#endif
+    walk w = {
+        field, field->scene, pose, options, motion, search, set, stats, field->scene->meta->error_out_m + rounding,
+        0.0f,  0.0f};
     search->spent = 0u;
     if (!search->open) {
         set->hit_count = set->contacts = set->way.count = 0u;

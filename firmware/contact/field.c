@@ -197,7 +197,7 @@ void cr_field_look_up_lanes(const cr_field *f, const cr_lanes3 *p, uint32_t lane
         out->gx[i] = r.x * scale;
         out->gy[i] = r.y * scale;
         out->gz[i] = r.z * scale;
-        if ((b->creased & CR_BRICK_CREASED) != 0u) {
+        if (b->creased) {
             use_crease(f, p, i, out);
         }
     }
@@ -273,7 +273,7 @@ static lane_sets load_corners(const cr_field *f, const int32_t *top, uint32_t la
         p.base[i] = (int32_t)b->samples;
         p.side[i] = (int32_t)b->side;
         sets.far |= far << i;
-        sets.creased |= ((uint32_t)b->creased & CR_BRICK_CREASED & ~far) << i;
+        sets.creased |= ((uint32_t)b->creased & ~far) << i;
         sets.fine |= ((uint32_t)b->fine & ~far) << i;
     }
     for (int i = 0; i < CR_LANES; i++) {

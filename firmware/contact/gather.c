@@ -5,7 +5,7 @@
  * room. */
 #define PARTS_OF_LAYER 40u
 #define PARTS_OF_LANE 5u
-#define PARTS_OF_SIDE 32u
+#define PARTS_OF_SIDE 34u
 #define PARTS_OF_ROOM 20u
 
 uint32_t cr_way_find(const cr_way_zones *zones, cr_way_key key) {
@@ -162,6 +162,9 @@ void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
     l->count = 0u;
     l->near = (uint32_t)(set->hits[hit].covered | set->hits[hit].near) & used;
     l->left = set->hits[hit].covered & used;
+    l->facet = CR_FACET_NONE;
+    l->planes = looked->planes != NULL ? looked->planes->kind : 0u;
+    l->deep_m = 0.0f;
     l->reach = none;
     l->step = looked->planes != NULL ? CR_WAY_PLANES : CR_WAY_COMMON;
 }
@@ -179,9 +182,14 @@ int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, u
         return 0;
     }
     if (l->step == CR_WAY_FADE) {
-        cr_way_fade(f->scene, set->hits[hit].covered & first_lanes(looked->c->count), l);
+        const int fade = cr_way_fade(f->scene, set->hits[hit].covered & first_lanes(looked->c->count), l);
         set->way.reach[hit] = l->reach;
+        set->hits[hit].facet = l->facet;
+        set->hits[hit].planes = (uint16_t)l->planes;
         l->step = CR_WAY_ADD;
+        if (fade && l->count > 0u) {
+            return 0;
+        }
     }
     if (l->count > 0u) {
         add_one_layer(f->scene, pose, set, hit, l->step++ - CR_WAY_ADD);

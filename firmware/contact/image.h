@@ -85,8 +85,6 @@ struct cr_img_meta {
 #define CR_TOP_BOUND 0x3fffffffu
 
 #define CR_BRICK_SIDE_MAX 8u
-/* A brick holds cells of kind CONVEX or CONCAVE; some of them, or its planes, are a corner's: CONVEX, of more than two facets. */
-enum { CR_BRICK_CREASED = 1u, CR_BRICK_CORNERED = 2u };
 #define CR_CELLS_SIDE 8u /* cell tables have 8 x 8 x 8 entries */
 /* A fine brick: (8 + 1)^3 samples, from CR_FINE_TABLE on an entry for each voxel, from CR_FINE_BLOCKS on the blocks of samples that
  * they name. An entry: 0: none. Bits 0..13: where the block begins, in units of CR_FINE_UNIT samples from the first sample of the
@@ -101,7 +99,7 @@ enum { CR_BRICK_CREASED = 1u, CR_BRICK_CORNERED = 2u };
 struct cr_img_brick {
     uint32_t samples; /* first sample; (side + 1)^3 of them, x fastest */
     uint16_t side;    /* cells along an edge: a power of two, 1..CR_BRICK_SIDE_MAX */
-    uint8_t creased;  /* set of CR_BRICK_* */
+    uint8_t creased;  /* 1: holds cells of kind CONVEX or CONCAVE */
     uint8_t fine;     /* 1: some voxels have samples of their own; side is 8 */
     uint32_t cells;   /* first entry of the cell table (512), or CR_CELLS_NONE: kind holds for the whole brick */
     /* Indices into kinds[]. kind: of all the brick when cells is CR_CELLS_NONE, 0 is "no surface"; else as planes, with the fewest

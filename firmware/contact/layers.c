@@ -72,26 +72,31 @@ CR_IN_LANES part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, fl
     return p;
 }
 
-/* The same below one plane of several, as far as they are a corner. */
-static part part_below_one(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m, float corner) {
-    part p = part_below(c, i, n, height_m);
-    if (corner > 0.0f) {
-        const float most = 2.0f * c->ramp[i], width = clamp_f(p.across_m, WIDTH_MIN * most, most),
-                    at = height_m / width, rest = cr_rest_of_square(at);
-        p.share += corner * (cr_square_below(at, rest) - p.share);
-        p.depth_m += corner * (width * cr_square_depth(at, rest) - p.depth_m);
-    }
-    return p;
-}
-
 /* How deep it is at most. */
 static float deepest(const struct cr_img_cluster *c, int i, part p, float height_m) {
     return 0.5f * CR_WAY_REACH * p.across_m + c->reach[i] - height_m;
 }
 
-/* The same where other planes cut the piece too: by what they leave of it. */
+/* Mean depth where other planes cut the piece too: by what they leave of it. */
 static float depth_left(part of_nearest, float coverage) {
     return of_nearest.share > 0.0f ? of_nearest.depth_m * min_f(1.0f, coverage / of_nearest.share) : 0.0f;
+}
+
+/* The same below the nearest of several planes, as far as they are a corner. */
+static float depth_below_nearest(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m, float corner,
+                                 float coverage) {
+    const float ramp = c->ramp[i], most = 2.0f * ramp;
+    if (height_m <= -(corner > 0.0f ? CR_CORNER_REACH : 1.0f) * ramp) {
+        return -height_m * coverage; /* all of it is below, however wide it is */
+    }
+    part p = part_below(c, i, n, height_m);
+    if (corner > 0.0f) {
+        const float width = clamp_f(p.across_m, WIDTH_MIN * most, most), at = height_m / width,
+                    rest = cr_rest_of_square(at);
+        p.share += corner * (cr_square_below(at, rest) - p.share);
+        p.depth_m += corner * (width * cr_square_depth(at, rest) - p.depth_m);
+    }
+    return depth_left(p, coverage);
 }
 
 /* A piece that is so deep below a plane widens what is known of the hit. */
@@ -104,9 +109,9 @@ static void reach_to(cr_way_reach *r, cr_vec3 n, float deep_m) {
     r->spread = max_f(r->spread, v3_norm(v3_sub(n, r->toward)));
 }
 
-/* All lanes over one plane, heights in the tool frame. */
-static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
-                      cr_way_reach *reach, cr_way_layer *out) {
+/* All lanes over one plane, heights in the tool frame. Returns how deep they are at most. */
+static float fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
+                       cr_way_reach *reach, cr_way_layer *out) {
     float deep = 0.0f, each[CR_LANES];
     for (int i = lane_at(near, 0); i < CR_LANES; i = lane_at(near, i + 1)) {
         const part p = part_below(c, i, n, height_m[i]);
@@ -121,6 +126,7 @@ static void fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t n
     }
     out->lanes |= lanes;
     reach_to(reach, n, deep);
+    return deep;
 }
 
 static void add_lane(cr_way_layer *layer, int i, float depth_m, float coverage) {
@@ -136,16 +142,11 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t patch, int i, f
     }
 }
 
-/* How much a lane counts for a plane before all are made to add up to 1: those within half the width of its piece of the nearest. */
-static float share_of(const cr_heights *h, int i, uint32_t k, float reach_m) {
-    return max_f(0.0f, h->height_m[k][i] - h->top_m[i] + reach_m);
-}
-
-/* A lane counts for its nearest plane, shared with those that are nearly as near. of: layers of the planes, as far as they were asked for (bits). */
+/* A lane counts for its nearest plane, shared with those that are as near within half the width of its piece. of: layers of the planes, as far as they were asked for (bits). */
 static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top, float coverage,
                                  const cr_planes *p, const cr_heights *h, cr_way_layers *out, cr_way_layer **of,
                                  uint32_t *asked) {
-    float height_m[CR_KIND_FACETS_MAX], corner = 0.0f, total = 0.0f;
+    float height_m[CR_KIND_FACETS_MAX], share[CR_KIND_FACETS_MAX], corner = 0.0f, total = 0.0f;
     if (p->reach > 1.0f) {
         out->parts += PARTS_OF_SHARE * p->count;
         for (uint32_t k = 0; k < p->count; k++) {
@@ -153,15 +154,17 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
         }
         corner = cr_corner_part(height_m, p->count, c->ramp[i]);
     }
-    const float depth = depth_left(part_below_one(c, i, p->normal_tool[top], h->top_m[i], corner), coverage),
+    const float depth = depth_below_nearest(c, i, p->normal_tool[top], h->top_m[i], corner, coverage),
                 reach_m = cr_corner_reach(corner) * c->ramp[i];
+    out->deep_m = higher_f(out->deep_m, depth);
     out->parts += PARTS_OF_SHARE * (2u + p->count);
     for (uint32_t k = 0; k < p->count; k++) {
-        total += share_of(h, i, k, reach_m);
+        share[k] = max_f(0.0f, h->height_m[k][i] - h->top_m[i] + reach_m);
+        total += share[k];
     }
     for (uint32_t k = 0; k < p->count; k++) {
-        const float its = share_of(h, i, k, reach_m), deep = depth * (its / total);
-        if (!(its > 0.0f && deep > 0.0f)) {
+        const float its = share[k] > 0.0f ? share[k] / total : 0.0f, deep = depth * its;
+        if (!(deep > 0.0f)) {
             continue;
         }
         if (!has_lane(*asked, (int)k)) {
@@ -169,7 +172,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
             *asked |= 1u << k;
         }
         if (of[k] != NULL) {
-            add_lane(of[k], i, deep, coverage * (its / total));
+            add_lane(of[k], i, deep, coverage * its);
         }
     }
 }
@@ -185,7 +188,8 @@ static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c,
             for (int i = 0; i < CR_LANES; i++) {
                 height_m[i] = -h->height_m[k][i];
             }
-            fill_flat(c, lanes, out->near, v3_scale(p->normal_tool[k], -1.0f), height_m, &out->reach, wall);
+            out->deep_m +=
+                fill_flat(c, lanes, out->near, v3_scale(p->normal_tool[k], -1.0f), height_m, &out->reach, wall);
         }
     }
 }
@@ -200,7 +204,7 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
         cr_way_layer *floor = layer_of(out, p->facet[0], s->facets[p->facet[0]].patch);
         out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
         if (floor != NULL) {
-            fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
+            out->deep_m += fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
         }
         return;
     }
@@ -331,6 +335,7 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr
         apart2 = higher_f(apart2, near * (x * x + y * y + z * z));
     }
     layer->lanes |= lanes;
+    out->deep_m += deep;
     reach_to(&out->reach, v3(g->x[0], g->y[0], g->z[0]), deep);
     out->reach.spread = max_f(out->reach.spread, sqrtf(apart2));
 }
@@ -340,7 +345,7 @@ static void fill_facet(const cr_field *f, const xform *pose, const struct cr_img
                        uint32_t index, cr_way_layers *out, cr_way_layer *floor) {
     float height_m[CR_LANES];
     const cr_vec3 n = cr_way_heights(f->scene, pose, c, index, height_m);
-    fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
+    out->deep_m += fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
 }
 
 static void fill_common(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
@@ -423,7 +428,9 @@ static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr
     cr_planes planes;
     cr_heights heights;
     uint32_t first = lanes;
-    cr_planes_turn(f->scene, pose, at->kind[take_lane(&first)], &planes);
+    const uint32_t kind = at->kind[take_lane(&first)];
+    cr_planes_turn(f->scene, pose, kind, &planes);
+    out->planes = lanes == out->near ? kind : 0u;
     cr_planes_measure(&planes, c, &heights);
     out->parts += PARTS_OF_PLANE * (1u + planes.count);
     cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
@@ -435,6 +442,7 @@ static void fill_over_samples(const cr_field *f, const xform *pose, const cr_loo
     const part in = part_below(l->c, i, lane_of(&out->normal, i), at->phi_m[i]);
     cr_way_facets on;
     out->full_m[i] = in.depth_m;
+    out->deep_m = higher_f(out->deep_m, in.depth_m);
     out->parts += 2u * PARTS_OF_LANE;
     cr_way_facets_of(f, at, i, lane_of(l->world, i), &on);
     fill_looked_up(f, pose, &on, i, v3_unit(v3(at->gx[i], at->gy[i], at->gz[i]), 1e-3f), depth_left(in, l->coverage[i]),
@@ -445,8 +453,11 @@ static void fill_over_samples(const cr_field *f, const xform *pose, const cr_loo
 static void fill_all(const cr_field *f, const xform *pose, const cr_looked *l, cr_way_layers *out) {
     const uint32_t surface = cr_way_common(f, l->at, out->left);
     out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
-    cr_way_normals(pose, l->at->gx, l->at->gy, l->at->gz, out->near | 1u,
-                   &out->normal); /* the first is what others are compared with */
+    out->facet = surface < CR_WAY_CURVED && out->near == out->left ? surface : CR_FACET_NONE;
+    if (out->facet == CR_FACET_NONE) {
+        cr_way_normals(pose, l->at->gx, l->at->gy, l->at->gz, out->near | 1u,
+                       &out->normal); /* the first is what others are compared with */
+    }
     if (surface != CR_WAY_NONE) {
         fill_common(f, pose, l->c, out->left, surface, l->at, &out->normal, out);
         out->left = 0u;
@@ -478,8 +489,11 @@ static float depth_of_bricks(const struct cr_img_meta *m) {
 
 /* Lanes that are deeper than a limit were once known by their facets, and are not farther in: in the last voxel before that they pass from the
  * surfaces that they are over to none. */
-void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
+int cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
     const float most_m = depth_of_bricks(s->meta), voxel_m = s->meta->voxel_m;
+    if (l->deep_m + (float)l->count * s->meta->ramp_max_m < most_m - voxel_m) {
+        return 0; /* no lane is: level with a plane it is less deep than its ramp */
+    }
     l->parts += PARTS_OF_FADED * (2u + l->count) * cr_count_lanes(lanes);
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
@@ -505,4 +519,5 @@ void cr_way_fade(const cr_scene *s, uint32_t lanes, cr_way_layers *l) {
         }
         lane_to(l, CR_WAY_NONE, CR_FACET_NONE, i, moved, seen);
     }
+    return 1;
 }

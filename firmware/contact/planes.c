@@ -81,10 +81,11 @@ static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *firs
             const int32_t start = (z * f->dims[1] + y) * f->dims[0];
             const uint32_t *row = &s->top[start];
             for (int32_t x = b->low[0]; x <= b->high[0]; x++) {
-                if ((row[x] & CR_TOP_FAR) != 0u || s->bricks[row[x]].planes == 0u) {
+                const uint32_t entry = row[x];
+                if ((entry & CR_TOP_FAR) != 0u || s->bricks[entry].planes == 0u) {
                     return 0u;
                 }
-                const uint32_t planes = s->bricks[row[x]].planes, kind = s->bricks[row[x]].kind;
+                const uint32_t planes = s->bricks[entry].planes, kind = s->bricks[entry].kind;
                 most = planes == most || kind == most ? most : 0u;
                 least = planes == least || kind == least ? least : 0u;
             }
@@ -93,46 +94,21 @@ static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *firs
     return most != 0u ? most : least;
 }
 
-/* Bricks within reach_m of a point, and that which it is in. Returns whether they are few enough to be asked. */
-static int box_around(const cr_field *f, cr_vec3 p_world, float reach_m, box *b, int32_t *brick) {
+uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
     const struct cr_img_meta *m = f->scene->meta;
     const float p[3] = {p_world.x, p_world.y, p_world.z}, reach = reach_m * f->inv_brick;
-    int32_t middle[3], few = 1;
+    int32_t middle[3];
+    box b;
     for (int a = 0; a < 3; a++) {
         const float at = (p[a] - m->origin_m[a]) * f->inv_brick;
         middle[a] = (int32_t)clamp_f(at, 0.0f, f->grid_max[a]);
-        b->low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
-        b->high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
-        few &= (int32_t)(b->high[a] - b->low[a] < BOX_MAX);
-    }
-    *brick = (middle[2] * f->dims[1] + middle[1]) * f->dims[0] + middle[0];
-    return few;
-}
-
-int cr_corner_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
-    const cr_scene *s = f->scene;
-    int32_t brick;
-    box b;
-    int any = !box_around(f, p_world, reach_m, &b, &brick);
-    for (int32_t z = b.low[2]; z <= b.high[2] && !any; z++) {
-        for (int32_t y = b.low[1]; y <= b.high[1] && !any; y++) {
-            const int32_t start = (z * f->dims[1] + y) * f->dims[0];
-            for (int32_t x = b.low[0]; x <= b.high[0]; x++) {
-                const uint32_t entry = s->top[start + x];
-                any |= (entry & CR_TOP_FAR) == 0u && (s->bricks[entry].creased & CR_BRICK_CORNERED) != 0u;
-            }
+        b.low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
+        b.high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
+        if (b.high[a] - b.low[a] >= BOX_MAX) {
+            return 0u;
         }
     }
-    return any;
-}
-
-uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
-    int32_t brick;
-    box b;
-    if (!box_around(f, p_world, reach_m, &b, &brick)) {
-        return 0u;
-    }
-    const uint32_t entry = f->scene->top[brick];
+    const uint32_t entry = f->scene->top[(middle[2] * f->dims[1] + middle[1]) * f->dims[0] + middle[0]];
     return (entry & CR_TOP_FAR) != 0u || f->scene->bricks[entry].planes == 0u
                ? 0u
                : planes_of_box(f, &f->scene->bricks[entry], &b);
@@ -178,7 +154,7 @@ const cr_planes *cr_planes_alone(const cr_planes *p, cr_vec3 p_tool, float radiu
         best = height > first ? k : best;
         first = higher_f(height, first);
     }
-    if (!(first - second > p->spread * radius_m + apart_m)) {
+    if (!(first - second > p->spread * radius_m + p->reach * p->reach * apart_m)) {
         return p;
     }
     one->kind = p->kind;
@@ -197,10 +173,10 @@ static void measure_plane(const cr_planes *p, const struct cr_img_cluster *c, ui
     const float offset = p->offset_m[k];
     uint32_t higher = 0u;
     for (int i = 0; i < CR_LANES; i++) {
-        float height = height_above(c, i, n, offset);
+        const float height = height_above(c, i, n, offset), top = out->top_m[i];
         out->height_m[k][i] = height;
-        higher |= (uint32_t)(height > out->top_m[i]) << i;
-        out->top_m[i] = higher_f(height, out->top_m[i]);
+        higher |= sign_bit_f(top - height) << i;
+        out->top_m[i] = higher_f(height, top);
     }
     for (uint32_t before = 0; before < k; before++) {
         out->highest[before] &= ~higher;

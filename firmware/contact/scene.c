@@ -195,8 +195,7 @@ static cr_err check_fine(const cr_scene *s, const struct cr_img_brick *b, uint32
 static cr_err check_brick(const cr_scene *s, const struct cr_img_brick *b, uint32_t *next_fine) {
     const uint32_t cells = b->side, side = cells + 1u, need = side * side * side;
     const uint32_t table = CR_CELLS_SIDE * CR_CELLS_SIDE * CR_CELLS_SIDE;
-    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u ||
-        b->creased > (CR_BRICK_CREASED | CR_BRICK_CORNERED) || b->fine > 1u) {
+    if (cells < 1u || cells > CR_BRICK_SIDE_MAX || (cells & (cells - 1u)) != 0u || b->creased > 1u || b->fine > 1u) {
         return CR_ERR_VALUE;
     }
     if (b->samples > s->sample_count || need > s->sample_count - b->samples || b->kind >= s->kind_count ||

@@ -117,9 +117,6 @@ typedef struct {
 /* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none. */
 uint32_t cr_planes_around(const cr_field *field, cr_vec3 p_world, float reach_m);
 
-/* Purpose  whether a static corner may cut pieces within reach_m of a point, on every axis.   Output  1 where that is more bricks than are asked. */
-int cr_corner_around(const cr_field *field, cr_vec3 p_world, float reach_m);
-
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
 
@@ -142,10 +139,10 @@ typedef struct {
     uint16_t inside;  /* lanes with phi <= 0 */
     uint16_t
         near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces with phi < ramp */
-    uint16_t area;   /* CR_HIT_NONE; set by a response of rivals/: index of the contact area */
-    uint16_t whole;  /* 1: every lane fully covered */
-    uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: look it up */
+    uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: they were looked up */
+    uint32_t facet;  /* where they were: the flat one that all lanes are over, or CR_FACET_NONE */
 #ifdef CR_RIVALS
+    uint16_t area; /* CR_HIT_NONE; set by a response of rivals/: index of the contact area */
     struct cr_img_sum sum;
 #endif
 } cr_hit;
@@ -230,7 +227,10 @@ typedef struct {
     uint32_t step;    /* the next one; from CR_WAY_ADD on a layer each */
     uint32_t parts;   /* of work, of the last one */
     uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
+    uint32_t facet;   /* the flat one that all of these are over, or CR_FACET_NONE */
+    uint32_t planes;  /* kind whose planes give the distance at all of these, or 0 */
     uint32_t left;    /* lanes that are in none yet */
+    float deep_m;     /* no lane is deeper than that, in all its layers together */
     cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
     float full_m[CR_LANES]; /* and depths, whatever they count for: of lanes in curved layers */
     cr_way_reach reach;
@@ -366,19 +366,10 @@ typedef struct {
     cr_lookup centres;
 } cr_batch;
 
-/* A cluster and the sphere round it. */
-typedef struct {
-    uint32_t cluster;
-    uint32_t slot;    /* of the sphere, as in cr_motion, */
-    int lane;         /* and in the batch */
-    cr_vec3 centre_m; /* tool frame */
-    cr_vec3 at_m;     /* the same, world */
-    float radius_m, margin_m, rho;
-} cr_leaf;
-
 /* What is known of the cluster in hand. */
 typedef struct {
-    cr_leaf leaf;
+    uint32_t slot; /* its sphere, as in cr_motion, */
+    int lane;      /* and in the batch */
     cr_looked looked;
     float coverage[CR_LANES];
     union {

@@ -47,8 +47,8 @@ void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *clus
 void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const cr_looked *looked,
                         cr_way_layers *out);
 
-/* Purpose  lanes as deep as the image has no samples pass to no surface, continuously. */
-void cr_way_fade(const cr_scene *scene, uint32_t lanes, cr_way_layers *layers);
+/* Purpose  lanes as deep as the image has no samples pass to no surface, continuously.   Returns  0: none was looked at, as none is so deep. */
+int cr_way_fade(const cr_scene *scene, uint32_t lanes, cr_way_layers *layers);
 
 /* Purpose  the surface that all lanes are over, where it is one and not at a crease: a facet that is not curved, or CR_WAY_CURVED with the patch.
  * Output   CR_WAY_NONE where there is no such. */

@@ -263,7 +263,6 @@ static void take_lanes(touching *w, const cr_looked *l, uint32_t lanes) {
     hit->covered = (uint16_t)lanes;
     hit->inside = (uint16_t)(l->inside & lanes);
     hit->near = (uint16_t)(l->near & around);
-    hit->whole = 0u;
     cr_sum_cluster(l->c, lanes == l->covered ? l->coverage : some, &hit->sum);
     w->set->contacts += cr_count_lanes(hit->inside);
     if (l->planes != NULL) {

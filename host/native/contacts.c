@@ -64,7 +64,11 @@ static uint32_t zone_of(const cr_contact_set *set, uint32_t hit) {
 
 /* Area of a hit, CR_AREAS_MAX for none. */
 static uint32_t area_of(const cr_contact_set *set, uint32_t hit) {
-    const uint32_t zone = zone_of(set, hit), area = zone == CR_WAY_NONE ? set->hits[hit].area : set->way.area_of[zone];
+    const uint32_t zone = zone_of(set, hit);
+    uint32_t area = zone == CR_WAY_NONE ? CR_AREAS_MAX : set->way.area_of[zone];
+#ifdef CR_RIVALS
+    area = zone == CR_WAY_NONE ? set->hits[hit].area : area;
+#endif
     return area < CR_AREAS_MAX ? area : CR_AREAS_MAX;
 }
 

@@ -279,9 +279,7 @@ static void fill_cells(const crt_solid *s, const struct cr_img_meta *m, const do
         double p[3] = {low[0] + k % 8 * voxel, low[1] + k / 8 % 8 * voxel, low[2] + k / 64 * voxel};
         uint32_t set = s->ball_m > 0.0 ? 1u : facets_of_cell(s, (const double(*)[4])planes, p, voxel);
         cells[k] = (uint16_t)set;
-        const uint32_t two = set & (set - 1u), three = two & (two - 1u);
-        brick->creased =
-            (uint8_t)(brick->creased | (two != 0u ? CR_BRICK_CREASED : 0u) | (three != 0u ? CR_BRICK_CORNERED : 0u));
+        brick->creased = (uint8_t)(brick->creased | ((set & (set - 1u)) != 0u));
     }
 }
 

@@ -56,7 +56,6 @@ void crt_mark_planes(crt_rig *rig) {
     const uint32_t all = rig->scene.kind_count - 1u; /* kinds are numbered by the set of their facets */
     for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
         bricks[i].planes = (uint16_t)all;
-        bricks[i].creased |= cr_reach_of_kind(&rig->scene.kinds[all]) > 1.0f ? CR_BRICK_CORNERED : 0u;
         bricks[i].kind = (uint16_t)(bricks[i].cells == CR_CELLS_NONE ? bricks[i].kind : all);
     }
     crt_seal(rig->image);

@@ -215,7 +215,7 @@ static void open_planes(crt_rig *rig, const double plane[][4], uint32_t count) {
         }
     }
     for (uint32_t i = 0; i < rig->scene.brick_count; i++) {
-        bricks[i].creased = CR_BRICK_CREASED | CR_BRICK_CORNERED;
+        bricks[i].creased = 1u;
         bricks[i].cells = CR_CELLS_NONE;
         bricks[i].kind = 1u;
     }

@@ -1,4 +1,5 @@
 /* Detection: every skip changes the work and nothing else; coverage is that of the definition; capacities are counted. */
+#include "contact/way_out.h"
 #include "image_builder.h"
 
 #include <math.h>
@@ -52,7 +53,7 @@ static int same_sets(const detector *a, const detector *b) {
     for (uint32_t i = 0; i < s->hit_count; i++) {
         const cr_hit *p = &s->hits[i], *q = &t->hits[i];
         if (p->cluster != q->cluster || p->covered != q->covered || p->inside != q->inside || p->near != q->near ||
-            p->whole != q->whole) {
+            p->planes != q->planes || p->facet != q->facet) {
             return 0;
         }
     }
@@ -285,6 +286,45 @@ static void detect_hits_are_in_ascending_order_of_clusters(void **state) {
     crt_close(&rig);
 }
 
+/* What a hit says that all its lanes are over, so that they need not be looked up again, is what a lookup says: one facet, or one cell of planes. */
+static void detect_knows_what_all_lanes_of_a_hit_are_over(void **state) {
+    (void)state;
+    crt_solid solids[] = {crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0), crt_room(-15e-3, 15e-3, 20e-3, -20e-3, 20e-3)};
+    for (size_t k = 0; k < sizeof solids / sizeof *solids; k++) {
+        crt_rig rig;
+        open_cube_on(&rig, &solids[k]);
+        detector d = make_detector(&rig, CR_SKIP_ALL, CR_COVERAGE_SOFT, &sets[0]);
+        uint64_t seed = 23u;
+        uint32_t facets = 0u, cells = 0u;
+        for (int i = 0; i < 300; i++) {
+            const cr_pose pose = random_pose(&seed, 20e-3);
+            const xform now = cr_xform_from_pose(&pose);
+            detect(&d, &rig, &pose);
+            for (uint32_t h = 0; h < d.set->hit_count; h++) {
+                const cr_hit *hit = &d.set->hits[h];
+                const struct cr_img_cluster *c = &rig.scene.clusters[hit->cluster];
+                const uint32_t lanes = cr_measured_lanes(c, hit);
+                cr_lanes3 world;
+                cr_lookup look;
+                cr_lanes_to_world(&now, c->x, c->y, c->z, &world);
+                cr_field_look_up_lanes(&rig.field, &world, lanes, &look);
+                if (hit->facet != CR_FACET_NONE && lanes != 0u) {
+                    assert_int_equal(cr_way_common(&rig.field, &look, lanes), hit->facet);
+                    facets++;
+                }
+                for (uint32_t left = hit->planes != 0u ? lanes : 0u; left != 0u; cells++) {
+                    const int lane = take_lane(&left);
+                    assert_true(has_lane(look.on_planes, lane));
+                    assert_int_equal(look.kind[lane], hit->planes);
+                }
+            }
+        }
+        assert_true(facets > 100u && cells > 100u);
+        free(d.motion.wake_m);
+        crt_close(&rig);
+    }
+}
+
 /* A cube of 31,000 samples swallowed by the block: more clusters than fit. */
 static void detect_counts_what_exceeds_its_capacities(void **state) {
     (void)state;
@@ -465,6 +505,7 @@ int main(void) {
         cmocka_unit_test(detect_coverage_of_a_face_is_exact),
         cmocka_unit_test(detect_counts_the_points_inside),
         cmocka_unit_test(detect_hits_are_in_ascending_order_of_clusters),
+        cmocka_unit_test(detect_knows_what_all_lanes_of_a_hit_are_over),
         cmocka_unit_test(detect_counts_what_exceeds_its_capacities),
         cmocka_unit_test(detect_odometers_bound_the_motion_of_every_point),
         cmocka_unit_test(detect_odometers_miss_no_creep),

@@ -109,10 +109,11 @@ static double share_that_stays(double depth_m, double reach_m, double voxel_m) {
     meta.brick_m = (float)(8.0 * voxel_m);
     meta.band_m = (float)(8.0 * sqrt(3.0) * voxel_m + 1.1 * reach_m);
     layers.count = 1u;
+    layers.deep_m = (float)depth_m;
     layers.layers[0].lanes = 1u;
     layers.layers[0].depth_m[0] = (float)depth_m;
     layers.layers[0].coverage[0] = 1.0f;
-    cr_way_fade(&scene, 1u, &layers);
+    assert_true(cr_way_fade(&scene, 1u, &layers) != 0 || depth_m < reach_m - voxel_m);
     return (double)layers.layers[0].coverage[0];
 }
 

@@ -126,24 +126,6 @@ static void planes_hold_only_where_all_bricks_of_the_box_have_them(void **state)
     crt_close(&rig);
 }
 
-static void corners_are_where_bricks_say_so(void **state) {
-    (void)state;
-    crt_rig rig;
-    crt_solid box = crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0);
-    open_cube_on(&rig, &box);
-    const cr_vec3 tip = v3(0.0f, 20e-3f, 0.0f), edge = v3(-1e-3f, 0.0f, -1e-3f);
-    struct cr_img_brick *bricks = crt_section(rig.image, CR_SEC_BRICKS);
-    assert_int_equal(cr_corner_around(&rig.field, tip, 1e-3f), 1);
-    assert_int_equal(cr_corner_around(&rig.field, edge, 1e-3f), 0);
-    assert_int_equal(cr_corner_around(&rig.field, edge, 30e-3f), 1); /* too many bricks to ask */
-    assert_int_equal(cr_corner_around(&rig.field, v3(1.0f, 1.0f, 1.0f), 1e-3f), 0);
-    for (uint32_t i = 0; i < rig.scene.brick_count; i++) {
-        bricks[i].creased &= CR_BRICK_CREASED;
-    }
-    assert_int_equal(cr_corner_around(&rig.field, tip, 1e-3f), 0);
-    crt_close(&rig);
-}
-
 static void planes_that_do_not_matter_are_left_out(void **state) {
     (void)state;
     crt_rig rig;
@@ -224,7 +206,6 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(planes_give_the_distance_of_a_solid_from_both_sides),
         cmocka_unit_test(planes_hold_only_where_all_bricks_of_the_box_have_them),
-        cmocka_unit_test(corners_are_where_bricks_say_so),
         cmocka_unit_test(planes_that_do_not_matter_are_left_out),
         cmocka_unit_test(crease_along_a_face_is_outside_as_a_whole),
         cmocka_unit_test(tick_over_planes_feels_what_lookups_feel),

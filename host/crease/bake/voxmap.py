@@ -29,8 +29,6 @@ Tick = Callable[[float], None]
 
 BASE_LEVEL = 3
 """Bricks start with 2^3 cells a side: the voxel."""
-CORNER_PER_NEAR = 1.3
-"""How far a piece may reach at a static corner, CR_CORNER_REACH ramps, as a share of near_m: at least 1.1 ramps."""
 FLAT_SHARE = 0.25
 """A brick gets coarser while its samples stay within this share of the tolerance."""
 PROBE_SIDE = 5
@@ -409,8 +407,6 @@ def make_voxmap(
     top = far_bricks(surface, grid, near, quantum)
     top[near] = np.arange(len(where), dtype=np.uint32)
     bricks, samples, tables = _pack_bricks(where, phi, fine, level, cells, planes, kinds, quantum)
-    cornered = cornered_bricks(grid, where, cells, bricks, kinds, facets, CORNER_PER_NEAR * near_m)
-    bricks["creased"] |= np.uint8(lib.CR_BRICK_CORNERED) * cornered
     names = {
         int(getattr(lib, f"CR_KIND_{n}")): n.lower()
         for n in ("PLANAR", "CURVED", "CONVEX", "CONCAVE", "MIXED")
@@ -431,40 +427,6 @@ def make_voxmap(
         {2**k: int((fine.level == k).sum()) for k in np.unique(fine.level).tolist()},
         {name: int(used[key]) for key, name in names.items()},
     )
-
-
-def cornered_bricks(
-    grid: Grid,
-    where: npt.NDArray[np.int64],
-    cells: I32,
-    bricks: npt.NDArray[Any],
-    kinds: npt.NDArray[Any],
-    facets: npt.NDArray[Any],
-    reach_m: float,
-) -> npt.NDArray[np.bool_]:
-    """Bricks in which a corner may cut pieces of the tool that reach so far, (n,).
-
-    Some point of such a brick may be no more than reach_m above any plane of a kind that it knows, and no more than
-    one and a half times that below three of them.
-    """
-    is_corner = (kinds["kind"] == lib.CR_KIND_CONVEX) & (kinds["count"] > 2)
-    row, *at = np.nonzero(is_corner[cells])
-    known = [np.stack([row, cells[row, *at]])]
-    for name in ("kind", "planes"):
-        its = np.flatnonzero(is_corner[bricks[name]])
-        known.append(np.stack([its, bricks[name][its]]))
-    brick, kind = np.unique(np.concatenate(known, axis=1), axis=1)
-    middle = np.array(grid.origin_m) + grid.brick_m * (where[brick] + 0.5)
-    used = np.arange(KIND_FACETS_MAX) < kinds["count"][kind][:, None]
-    plane = facets[np.where(used, kinds["facet"][kind], 0)]
-    height = np.einsum("nfx,nx->nf", plane["normal"].astype(np.float64), middle) - plane["offset_m"]
-    height = np.sort(np.where(used, height, -np.inf), axis=1)
-    room_m = 0.5 * math.sqrt(3.0) * grid.brick_m
-    found = np.zeros(len(where), np.bool_)
-    found[brick[(height[:, -1] < room_m + reach_m) & (height[:, -3] > -room_m - 1.5 * reach_m)]] = (
-        True
-    )
-    return found
 
 
 def _merged(
@@ -514,7 +476,7 @@ def _pack_bricks(
     of_cells = np.where(bricks["cells"] == CELLS_NONE, cells[:, 0, 0, 0], 0)
     bricks["kind"] = np.where(planes.least != 0, planes.least, of_cells)
     bricks["planes"] = planes.most
-    bricks["creased"] = int(lib.CR_BRICK_CREASED) * creased[cells].any(axis=(1, 2, 3))
+    bricks["creased"] = creased[cells].any(axis=(1, 2, 3))
     return bricks, samples, tables
 
 
