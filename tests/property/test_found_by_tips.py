@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 import trimesh
 from crease.bake.bake import BakeOptions, bake_scene
-from crease.bake.layout import BRICK, CLUSTER
+from crease.bake.layout import CLUSTER
 from crease.base.native import ffi, lib
 from crease.base.scene import Scene, open_image
 from crease.mesh.mesh import Mesh, make_mesh
@@ -24,12 +24,11 @@ TIPS = {
     (4, 45.0): (0.1, 0.02),
     (5, 60.0): (0.12, 0.02),
     (4, 70.0): (0.1, 0.02),
-    (4, 20.0): (0.5, 0.45),
+    (6, 40.0): (0.15, 0.02),
+    (4, 35.0): (0.2, 0.12),
 }
-"""The last is a needle: most cells of the image beside it see one or two of its sides.
-
-Before a piece reached to its corners errors were up to 0.33, 0.33, 0.23, 0.18 and 0.6; silent were tips up to 0.22,
-0.24, 0.1, 0.06 and 0.6.
+"""Before a piece reached to its corners the first four were off by up to 0.33, 0.33, 0.23 and 0.18, and silent up to
+0.22, 0.24, 0.1 and 0.06. Needles are below this list: planes that are hardly left through are not trusted.
 """
 
 
@@ -125,21 +124,3 @@ def test_no_piece_of_a_ball_is_amid_a_flat_face() -> None:
         bake_scene(tool, tool, BakeOptions(spacing_m=1e-3, voxel_m=1e-3)).image, "ball"
     )
     assert not records(scene, "clusters", CLUSTER)["inner_mask"].any()
-
-
-def test_bricks_know_of_the_corners_of_a_box_and_of_no_others() -> None:
-    box = trimesh.creation.box((120.0, 120.0, 120.0))
-    static = make_mesh(box.vertices, box.faces, 1e-3, source="box")
-    scene = open_image(
-        bake_scene(static, slab(), BakeOptions(spacing_m=1e-3, voxel_m=1e-3)).image, "box"
-    )
-    meta, bricks = scene.meta, records(scene, "bricks", BRICK)
-    top = np.frombuffer(ffi.buffer(scene.handle.top, 4 * int(np.prod(list(meta.dims)))), np.uint32)
-    near = np.flatnonzero(top < lib.CR_TOP_FAR)
-    where = np.column_stack(np.unravel_index(near, tuple(meta.dims)[::-1]))[:, ::-1]
-    middle_mm = 1e3 * (np.array(list(meta.origin_m)) + meta.brick_m * (where + 0.5))
-    away_mm = np.linalg.norm(np.maximum(0.0, np.abs(np.abs(middle_mm) - 60.0) - 4.0), axis=1)
-    cornered = (bricks["creased"][top[near]] & lib.CR_BRICK_CORNERED) != 0
-    assert cornered[away_mm < 0.7].all()
-    assert cornered.sum() >= 8
-    assert away_mm[cornered].max() < 12.0
