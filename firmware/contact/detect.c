@@ -198,10 +198,9 @@ static void add_next(walk *w) {
     s->spent += w->set->way.layers.parts;
 }
 
-/* Lanes whose piece may be inside where its middle is not: creases that come near, and covered faces within a ramp. */
-static uint32_t find_near(const struct cr_img_cluster *c, uint32_t reached, uint32_t within, uint32_t covered,
-                          uint32_t inside) {
-    return (reached & c->crease_mask) | (covered & within & ~inside & ~(uint32_t)(c->crease_mask | c->vertex_mask));
+/* Lanes whose piece may be inside where its middle is not: creases that come near, and covered faces. */
+static uint32_t find_near(const struct cr_img_cluster *c, uint32_t reached, uint32_t covered, uint32_t inside) {
+    return (reached & c->crease_mask) | (covered & ~inside & ~(uint32_t)(c->crease_mask | c->vertex_mask));
 }
 
 /* Coverage of the options; rivals have strips at static corners too. */
@@ -232,13 +231,12 @@ static float cover_points(walk *w, uint32_t cluster, const cr_batch *b, int lane
     const cr_lookup *at = &in->at;
     const float *coverage = in->coverage;
     w->search->spent += CR_PARTS_OF_CUT * cr_cover(w->scene, w->pose, coverage_of(w), c, at, in->coverage);
-    uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u, within = 0u;
+    uint32_t covered = 0u, full = 0u, outside = 0u, near = 0u;
     for (int i = 0; i < CR_LANES; i++) {
         covered |= (uint32_t)(coverage[i] > 0.0f) << i;
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
         outside |= (uint32_t)(at->phi_m[i] > 0.0f) << i;
         near |= (uint32_t)(at->phi_m[i] < c->reach[i]) << i;
-        within |= (uint32_t)(at->phi_m[i] < c->ramp[i]) << i;
     }
     covered &= used;
     if (covered == 0u) {
@@ -248,7 +246,7 @@ static float cover_points(walk *w, uint32_t cluster, const cr_batch *b, int lane
     l->covered = covered;
     l->full = full & used;
     l->inside = ~outside & used;
-    l->near = find_near(c, near, within, covered, ~outside);
+    l->near = find_near(c, near, covered, ~outside);
     take_points(w, l, b, lane);
     return 0.0f;
 }
@@ -314,7 +312,7 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     const cr_planes *p = each ? all : cr_planes_alone(all, f->centre_m, f->radius_m, w->apart_m, &in->alone);
     cr_planes_measure(p, c, h);
     uint32_t full = (p->sign < 0.0f ? ~(h->below | h->cut) : h->below) & used, covered = full, inside = full,
-             near = full, within = full;
+             near = full;
     for (int i = 0; i < CR_LANES; i++) {
         coverage[i] = (full >> i) & 1u ? 1.0f : 0.0f;
     }
@@ -330,7 +328,6 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
         full |= (uint32_t)(coverage[i] >= 1.0f) << i;
         inside |= (uint32_t)(phi_m <= 0.0f) << i;
         near |= (uint32_t)(phi_m < c->reach[i]) << i;
-        within |= (uint32_t)(phi_m < c->ramp[i]) << i;
     }
     if (covered == 0u) {
         for (int i = 0; i < CR_LANES; i++) {
@@ -342,7 +339,7 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
     l->covered = covered;
     l->full = full;
     l->inside = inside;
-    l->near = find_near(c, near, within, covered, inside);
+    l->near = find_near(c, near, covered, inside);
     take_points(w, l, b, lane);
     return 0.0f;
 }

@@ -344,7 +344,7 @@ static void over_looked_up(const cr_way_survey *s, const struct cr_img_cluster *
 /* A step of a hit: it is looked up, where its planes are not known; it is told what it is over; and that counts. Returns whether all of it is done. */
 static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *planes, cr_planes *cell) {
     const struct cr_img_cluster *c = &s->in->field->scene->clusters[hit->cluster];
-    const uint32_t lanes = cr_measured_lanes(c, hit);
+    const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & first_lanes(c->count);
     cr_way_work *w = s->work;
     cr_way_scratch *scratch = s->scratch;
     w->surfaces = w->moved = 0u;

@@ -138,7 +138,7 @@ typedef struct {
     uint16_t covered; /* lanes with any coverage */
     uint16_t inside;  /* lanes with phi <= 0 */
     uint16_t
-        near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces with phi < ramp */
+        near; /* lanes whose piece may be inside where its middle is not: creases with phi < reach, covered faces */
     uint16_t planes; /* kind whose planes give the distance at and round all lanes; 0: they were looked up */
     uint32_t facet;  /* where they were: the flat one that all lanes are over, or CR_FACET_NONE */
 #ifdef CR_RIVALS
@@ -147,12 +147,6 @@ typedef struct {
 #endif
 } cr_hit;
 #define CR_HIT_NONE 0xffffu
-
-/* Purpose  lanes that may be the deepest: those inside, and those whose piece may be. */
-static inline uint32_t cr_measured_lanes(const struct cr_img_cluster *c, const cr_hit *hit) {
-    const uint32_t features = (uint32_t)(c->crease_mask | c->vertex_mask);
-    return ((hit->covered & (hit->inside | features)) | hit->near) & first_lanes(c->count);
-}
 
 /* What the points of one cluster were found to be: by a lookup, or by the planes of the static surface there. */
 typedef struct {

@@ -303,7 +303,7 @@ static void detect_knows_what_all_lanes_of_a_hit_are_over(void **state) {
             for (uint32_t h = 0; h < d.set->hit_count; h++) {
                 const cr_hit *hit = &d.set->hits[h];
                 const struct cr_img_cluster *c = &rig.scene.clusters[hit->cluster];
-                const uint32_t lanes = cr_measured_lanes(c, hit);
+                const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & first_lanes(c->count);
                 cr_lanes3 world;
                 cr_lookup look;
                 cr_lanes_to_world(&now, c->x, c->y, c->z, &world);
