@@ -95,7 +95,7 @@ uint32_t cr_cover(const cr_scene *s, const xform *pose, uint32_t mode, const str
     cr_planes planes;
     uint32_t count = 0u;
     planes.kind = planes.count = 0u;
-    planes.sign = 1.0f;
+    planes.sign = planes.reach = 1.0f;
     for (uint32_t over = at->from_facet & first_lanes(c->count); over != 0u;) {
         int i = take_lane(&over);
         const float away = abs_f(at->phi_m[i]), ramp = c->ramp[i];

@@ -10,9 +10,6 @@
 
 /* Slack against rounding in positions, distances and odometers: 1e-6 of the lengths involved plus this. */
 #define ROUNDING_M 2e-6f
-/* Odometers are rebased where their sum, m and rad, reaches this: beyond it their last bit would exceed the slack. */
-#define ODOMETER_MAX_M 8.0f
-#define WAKE_NOW (-1.0f)
 /* Work, in parts of a unit: a step, whatever it does; a cluster that is asked for planes, one over cells of the image, beside its lookup, and one over planes,
  * beside each of them; a group of the tree that is woken, and that is entered; a leaf; spheres that are looked up, beside their lookup; a lighter zone. */
 #define PARTS_OF_STEP 6u
@@ -26,43 +23,11 @@
 #define PARTS_OF_LEAF 1u
 #define PARTS_OF_LIGHTENED 8u
 
-/* All spheres wake when the tree is seen next: in free space that costs nothing. */
-static void forget(cr_motion *m) {
-    m->slide_m = m->slide_lost_m = 0.0f;
-    m->turn_rad = m->turn_lost_rad = 0.0f;
-    m->root_wake_m = WAKE_NOW;
-    m->stale = 1u;
-}
-
 void cr_motion_wake(cr_motion *m) {
     for (uint32_t i = 0; i < m->wake_count; i++) {
-        m->wake_m[i] = WAKE_NOW;
+        m->wake_m[i] = CR_WAKE_NOW;
     }
     m->stale = 0u;
-}
-
-/* Adds to an odometer, and what its last bits could not take the next time: many small steps are not nothing. Source  Kahan 1965. */
-static void add_up(float *sum, float *lost, float step) {
-    const float more = step + *lost;
-    const float next = max_f(*sum, *sum + more); /* it never turns back: what was awake at it would sleep */
-    *lost = more - (next - *sum);
-    *sum = next;
-}
-
-void cr_motion_advance(cr_motion *m, const cr_pose *pose) {
-    if (m->valid) {
-        cr_quat a = m->last.rot, b = pose->rot;
-        float dw = b.w - a.w, dx = b.x - a.x, dy = b.y - a.y, dz = b.z - a.z;
-        /* |2 sin(angle / 2)| <= 2 |dq|, and more where -q comes after q: then more wakes. Both odometers are rounded up. */
-        const float turn_rad = 2.0f * sqrtf(dw * dw + dx * dx + dy * dy + dz * dz) * 1.000001f;
-        add_up(&m->turn_rad, &m->turn_lost_rad, turn_rad);
-        add_up(&m->slide_m, &m->slide_lost_m, v3_norm(v3_sub(pose->pos_m, m->last.pos_m)) * 1.000001f);
-    }
-    if (!m->valid || !(m->slide_m + m->turn_rad < ODOMETER_MAX_M)) {
-        forget(m);
-    }
-    m->valid = 1u;
-    m->last = *pose;
 }
 
 /* Everything one traversal reads and writes. */
@@ -572,7 +537,7 @@ static int tool_is_free(walk *w) {
     cr_field_look_up_lanes(w->field, &p, 1u, &at);
     w->stats->nodes++;
     float clearance = at.phi_m[0] - m->root_radius_m - reach_of(w) * m->ramp_max_m - w->slack_out_m;
-    w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : WAKE_NOW;
+    w->motion->root_wake_m = clearance > 0.0f ? moved + clearance * 0.999999f : CR_WAKE_NOW;
     return clearance > 0.0f;
 }
 

@@ -355,7 +355,7 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
         w->spent += PARTS_OF_PLANE * planes->count;
         over_planes(s, c, lanes, planes);
     } else if (hit->facet != CR_FACET_NONE) {
-        over_surface(s, c, lanes, hit->facet, NULL, whole);
+        over_surface(s, c, lanes, hit->facet, &scratch->world, whole);
     } else if (w->known == CR_WAY_ASKED) {
         w->known = CR_WAY_LOOKED_UP;
         cr_lanes_to_world(s->in->world_from_tool, c->x, c->y, c->z, &scratch->world);

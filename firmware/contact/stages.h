@@ -338,6 +338,7 @@ typedef struct {
     float *wake_m; /* [group_count * CR_LANES] a sphere is free while slide + turn * rho < wake */
     uint32_t wake_count;
 } cr_motion;
+#define CR_WAKE_NOW (-1.0f) /* where a sphere may come near at once */
 
 typedef struct {
     uint32_t skip;        /* CR_SKIP_* */

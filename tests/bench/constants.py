@@ -50,7 +50,7 @@ GIVEN = {
     "NO_PLANE": "no cosine",
     "NOWHERE": "no height",
     "NO_SPREAD": "no spread",
-    "WAKE_NOW": "no distance",
+    "CR_WAKE_NOW": "no distance",
     "POSITION_MAX_M": "a limit of the interface",
     "QUATERNION_TOLERANCE": "a limit of the interface",
     "LOOKUPS_LEAST": "a limit of the interface",

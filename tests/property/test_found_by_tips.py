@@ -90,7 +90,9 @@ def test_a_tip_is_felt_wherever_it_is_between_the_samples(
 
 @pytest.mark.parametrize("spacing_m", [1e-3, 2e-3])
 @pytest.mark.parametrize("shape", TIPS)
-def test_the_force_of_a_tip_moves_as_the_tip_does(shape: tuple[int, float], spacing_m: float) -> None:
+def test_the_force_of_a_tip_moves_as_the_tip_does(
+    shape: tuple[int, float], spacing_m: float
+) -> None:
     """By so many times its motion: at most, of the first two shapes, and in all but 1 of 200 poses.
 
     Before a piece reached to its corners these were up to 69, and 12.
