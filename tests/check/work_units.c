@@ -98,6 +98,7 @@ static void measure_hits(const crt_rig *rig, const char *all, const char *none) 
         detect(rig, IN_M, NULL);
         for (uint32_t h = 0; h < set.hit_count; h++) {
             set.way.reach[h].bound_m = deep ? 1.0f : 0.0f;
+            set.hits[h].facet = CR_FACET_NONE; /* looked up again, where they were */
         }
         cr_way_begin(&in, &work);
         for (uint32_t z = 0; z < set.way.count; z++) {

@@ -15,7 +15,7 @@ from crease.lab.setup import make_path
 from crease.replay.cost import BOARD_WORK
 from crease.replay.replay import ReplayOptions, run_path
 from crease.replay.trajectory import Trajectory, load_trajectory
-from host_tools import Run
+from host_tools import Run, write_path
 from scipy.spatial.transform import Rotation
 from study.ablation import HEIGHTS_MM, SKIPS, motion
 from study.against_exact import read_exact
@@ -256,10 +256,11 @@ def test_quick_pareto_draws_the_rivals(crease: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_bytes_that_a_tick_reads_are_counted(
-    scene_crs: Path, press_csv: Path, tmp_path: Path
-) -> None:
-    scene, path = open_scene(scene_crs), load_trajectory(press_csv)
+def test_bytes_that_a_tick_reads_are_counted(scene_crs: Path, tmp_path: Path) -> None:
+    down = np.linspace([0.0, 0.0, 0.014], [0.0, 0.0, 0.008], 300)
+    along = np.linspace([0.0, 0.0, 0.008], [0.015, 0.005, 0.008], 200)
+    scene = open_scene(scene_crs)
+    path = load_trajectory(write_path(tmp_path / "press.csv", np.concatenate([down, along])))
     program = build_counter(tmp_path / "touched")
     rows = count(program, scene, path)
     ticked = run_path(scene, path)
