@@ -65,7 +65,13 @@ float cr_cover_by_planes(const cr_planes *p, const struct cr_img_cluster *c, int
         }
         share *= its;
     }
-    /* Beside an edge the distance is longer than the heights: fade out late, where it comes near the end. */
+    /* What is hardly a corner ends before the square does; and beside an edge the distance is longer than the heights: fade out late, where it comes near the end. */
+    if (corner > 0.0f) {
+        if (!(distance < reach_m)) {
+            return 0.0f;
+        }
+        share *= clamp_f(FADE * (reach_m - top) / (reach_m - ramp), 0.0f, 1.0f);
+    }
     if (distance > top) {
         share *= clamp_f(FADE * (reach_m - distance) / (reach_m - top), 0.0f, 1.0f);
     }

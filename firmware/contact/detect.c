@@ -13,9 +13,9 @@
 /* Work, in parts of a unit: a step, whatever it does; a cluster that is asked for planes, one over cells of the image, beside its lookup, and one over planes,
  * beside each of them; a group of the tree that is woken, and that is entered; a leaf; spheres that are looked up, beside their lookup; a lighter zone. */
 #define PARTS_OF_STEP 6u
-#define PARTS_OF_AROUND 80u
+#define PARTS_OF_AROUND 120u
 #define PARTS_OF_CELLS 208u
-#define PARTS_OF_POINTS 144u
+#define PARTS_OF_POINTS 104u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_WAKE 3u
 #define PARTS_OF_GROUP 24u
@@ -258,15 +258,15 @@ static int asks_for_each(const walk *w) {
 #endif
 }
 
-/* How far a cluster beside planes may go before a point of it is covered: those planes hold as far as its margin, and if they are no corner a point is not
- * covered before its ramp; beyond there may be one. */
+/* How far a cluster beside planes may go before a point of it is covered: as far as its margin nothing is known that reaches farther than this; beyond there may
+ * be a corner. */
 static float clearance_beside(const walk *w, const leaf *f, float reach, const float *phi_m) {
     const float least_m = smallest_clearance(&w->scene->clusters[f->cluster], phi_m, reach, w->slack_out_m);
     const float beyond_m = (reach_of(w) - reach) * f->margin_m;
     return max_f(0.0f, beyond_m > 0.0f ? max_f(min_f(least_m, f->margin_m), least_m - beyond_m) : least_m);
 }
 
-static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane) {
+static float measure_points(walk *w, const leaf *f, float reach, const cr_batch *b, int lane) {
     const struct cr_img_cluster *c = &w->scene->clusters[f->cluster];
     const uint32_t used = first_lanes(c->count);
     cr_in_hand *in = &w->search->in_hand;
@@ -298,7 +298,7 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
         for (int i = 0; i < CR_LANES; i++) {
             coverage[i] = h->top_m[i] * p->sign;
         }
-        return clearance_beside(w, f, all->reach, coverage);
+        return clearance_beside(w, f, reach, coverage);
     }
     cr_looked *l = take_in_hand(w, f->cluster, p);
     l->covered = covered;
@@ -312,7 +312,8 @@ static float measure_points(walk *w, const leaf *f, const cr_batch *b, int lane)
 /* A cluster over planes; one over cells is looked up, to be covered next. */
 static void look_at_points(walk *w, const leaf *f, uint32_t slot, const cr_batch *b, int lane) {
     const cr_vec3 centre = v3(b->world.x[lane], b->world.y[lane], b->world.z[lane]);
-    const uint32_t kind = cr_planes_around(w->field, centre, f->radius_m + f->margin_m);
+    float found = 1.0f;
+    const uint32_t kind = cr_planes_around(w->field, centre, f->radius_m + f->margin_m, &found);
     w->stats->points += w->scene->clusters[f->cluster].count;
     w->search->spent += PARTS_OF_AROUND;
     if (kind == 0u) {
@@ -325,8 +326,9 @@ static void look_at_points(walk *w, const leaf *f, uint32_t slot, const cr_batch
         planes->reach = lower_f(planes->reach, reach_of(w));
         w->search->spent += CR_PARTS_OF_CUT * planes->count;
     }
-    const float free_m = planes->reach < reach_of(w) ? min_f(f->free_m, f->margin_m) : 0.0f;
-    let_sleep(w, slot, f->rho, free_m > 0.0f ? free_m : measure_points(w, f, b, lane));
+    const float reach = lower_f(found, reach_of(w));
+    const float free_m = reach < reach_of(w) ? min_f(f->free_m, f->margin_m) : 0.0f;
+    let_sleep(w, slot, f->rho, free_m > 0.0f ? free_m : measure_points(w, f, reach, b, lane));
 }
 
 /* Lanes of a group worth looking at: all but those that coherence knows to be free. */

@@ -170,7 +170,7 @@ struct cr_img_cluster {
     uint16_t crease_mask;  /* lanes that are straight pieces of creases: their middles */
     uint16_t piece_lanes[CR_PIECES]; /* lanes that belong to each of piece[] */
     uint16_t
-        inner_mask; /* lanes of flat faces that go on all round, CR_PIECE_ROUND half-widths of the piece from its middle */
+        inner_mask; /* lanes of flat faces that go on all round, CR_WAY_REACH half-widths of the piece from its middle */
     float normal[3];           /* mean outward normal, unit or zero */
     float radius_m;            /* sphere about the mean position that holds the points */
     uint16_t beside[CR_LANES]; /* lanes of this cluster beside each lane on the tool surface */

@@ -72,10 +72,11 @@ typedef struct {
     int32_t low[3], high[3];
 } box;
 
-/* Kind whose planes hold in all bricks of a box: the planes of `first`, one of them, or else its kind. */
-static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *first, const box *b) {
+/* Kind whose planes hold in all bricks of a box: the planes of `first`, one of them, or else its kind. reach: of all that any of them knows. */
+static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *first, const box *b, float *reach) {
     const cr_scene *s = f->scene;
     uint32_t most = first->planes, least = first->kind;
+    uint32_t corner = cr_is_corner(&s->kinds[most]);
     for (int32_t z = b->low[2]; z <= b->high[2]; z++) {
         for (int32_t y = b->low[1]; y <= b->high[1]; y++) {
             const int32_t start = (z * f->dims[1] + y) * f->dims[0];
@@ -86,24 +87,28 @@ static uint32_t planes_of_box(const cr_field *f, const struct cr_img_brick *firs
                     return 0u;
                 }
                 const uint32_t planes = s->bricks[entry].planes, kind = s->bricks[entry].kind;
-                most = planes == most || kind == most ? most : 0u;
+                if (planes != most) {
+                    most = kind == most ? most : 0u;
+                    corner |= cr_is_corner(&s->kinds[planes]);
+                }
                 least = planes == least || kind == least ? least : 0u;
             }
         }
     }
+    *reach = corner != 0u ? CR_CORNER_REACH : 1.0f;
     return most != 0u ? most : least;
 }
 
-uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
+uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float radius_m, float *reach) {
     const struct cr_img_meta *m = f->scene->meta;
-    const float p[3] = {p_world.x, p_world.y, p_world.z}, reach = reach_m * f->inv_brick;
+    const float p[3] = {p_world.x, p_world.y, p_world.z}, radius = radius_m * f->inv_brick;
     int32_t middle[3];
     box b;
     for (int a = 0; a < 3; a++) {
         const float at = (p[a] - m->origin_m[a]) * f->inv_brick;
         middle[a] = (int32_t)clamp_f(at, 0.0f, f->grid_max[a]);
-        b.low[a] = (int32_t)clamp_f(at - reach, 0.0f, f->grid_max[a]);
-        b.high[a] = (int32_t)clamp_f(at + reach, 0.0f, f->grid_max[a]);
+        b.low[a] = (int32_t)clamp_f(at - radius, 0.0f, f->grid_max[a]);
+        b.high[a] = (int32_t)clamp_f(at + radius, 0.0f, f->grid_max[a]);
         if (b.high[a] - b.low[a] >= BOX_MAX) {
             return 0u;
         }
@@ -111,11 +116,7 @@ uint32_t cr_planes_around(const cr_field *f, cr_vec3 p_world, float reach_m) {
     const uint32_t entry = f->scene->top[(middle[2] * f->dims[1] + middle[1]) * f->dims[0] + middle[0]];
     return (entry & CR_TOP_FAR) != 0u || f->scene->bricks[entry].planes == 0u
                ? 0u
-               : planes_of_box(f, &f->scene->bricks[entry], &b);
-}
-
-float cr_reach_of_kind(const struct cr_img_kind *kind) {
-    return kind->kind == CR_KIND_CONVEX && kind->count > 2u ? CR_CORNER_REACH : 1.0f;
+               : planes_of_box(f, &f->scene->bricks[entry], &b, reach);
 }
 
 void cr_planes_turn(const cr_scene *s, const xform *pose, uint32_t kind, cr_planes *out) {

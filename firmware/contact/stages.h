@@ -102,8 +102,15 @@ typedef struct {
  * that is seen along its diagonal, whose second moment is the same, and which reaches so many times as far: to its corners. */
 #define CR_CORNER_REACH 1.4142136f
 
+/* Purpose  1: a kind of planes that meet in a static corner. */
+static inline uint32_t cr_is_corner(const struct cr_img_kind *kind) {
+    return (uint32_t)(kind->kind == CR_KIND_CONVEX) & (uint32_t)(kind->count > 2u);
+}
+
 /* Purpose  how far planes of a kind may cut pieces, in half-widths. */
-float cr_reach_of_kind(const struct cr_img_kind *kind);
+static inline float cr_reach_of_kind(const struct cr_img_kind *kind) {
+    return cr_is_corner(kind) != 0u ? CR_CORNER_REACH : 1.0f;
+}
 
 /* Samples of a cluster above the planes of that convex solid, and lanes by that. */
 typedef struct {
@@ -114,8 +121,9 @@ typedef struct {
     uint32_t cut;                         /* lanes whose piece is cut by one; the rest is outside */
 } cr_heights;
 
-/* Purpose  kind whose planes give the distance anywhere within reach_m of a point, on every axis; 0 when the image knows none. */
-uint32_t cr_planes_around(const cr_field *field, cr_vec3 p_world, float reach_m);
+/* Purpose  kind whose planes give the distance anywhere within radius_m of a point, on every axis; 0 when the image knows none.
+ * Output   reach, where it is known: how far any planes that are known there may cut pieces, in half-widths. */
+uint32_t cr_planes_around(const cr_field *field, cr_vec3 p_world, float radius_m, float *reach);
 
 /* Purpose  planes of a kind, CR_KIND_PLANAR, _CONVEX or _CONCAVE, in the tool frame. */
 void cr_planes_turn(const cr_scene *scene, const xform *world_from_tool, uint32_t kind, cr_planes *out);
@@ -218,14 +226,14 @@ enum { CR_WAY_PLANES, CR_WAY_COMMON, CR_WAY_CELLS, CR_WAY_BESIDE, CR_WAY_FADE, C
 
 typedef struct {
     uint32_t count, dropped;
-    uint32_t step;    /* the next one; from CR_WAY_ADD on a layer each */
-    uint32_t parts;   /* of work, of the last one */
-    uint32_t near;    /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
-    uint32_t facet;   /* the flat one that all of these are over, or CR_FACET_NONE */
-    uint32_t planes;  /* kind whose planes give the distance at all of these, or 0 */
-    uint32_t left;    /* lanes that are in none yet */
-    float deep_m;     /* no lane is deeper than that, in all its layers together */
-    cr_lanes3 normal; /* where they were looked up: static normals at the samples, tool frame, */
+    uint32_t step;   /* the next one; from CR_WAY_ADD on a layer each */
+    uint32_t parts;  /* of work, of the last one */
+    uint32_t near;   /* lanes that may be measured: covered, or their piece may be inside where the middle is not */
+    uint32_t facet;  /* the flat one that all of these are over, or CR_FACET_NONE */
+    uint32_t planes; /* kind whose planes give the distance at all of these, or 0 */
+    uint32_t left;   /* lanes that are in none yet */
+    float deep_m;    /* no lane is deeper than that, in all its layers together, but for a ramp in each that is level */
+    cr_lanes3 normal;       /* where they were looked up: static normals at the samples, tool frame, */
     float full_m[CR_LANES]; /* and depths, whatever they count for: of lanes in curved layers */
     cr_way_reach reach;
     cr_way_layer layers[CR_WAY_LAYERS_MAX];

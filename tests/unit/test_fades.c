@@ -97,6 +97,41 @@ static void corner_is_where_three_planes_cut(void **state) {
     assert_near((double)cr_corner_reach(1.0f), sqrt(2.0), 1e-6);
 }
 
+/* A piece that is hardly a corner's ends at its own reach, over a face as beside an edge, and nothing of it changes at once. */
+static void what_is_hardly_a_corner_ends_before_the_square(void **state) {
+    (void)state;
+    struct cr_img_cluster c;
+    cr_planes p;
+    memset(&c, 0, sizeof c);
+    memset(&p, 0, sizeof p);
+    c.count = 1u;
+    c.ramp[0] = RAMP_M;
+    c.wxx[0] = c.wyy[0] = c.wzz[0] = 2.0f * RAMP_M * RAMP_M;
+    p.count = 3u;
+    p.sign = 1.0f;
+    p.reach = CR_CORNER_REACH;
+    p.normal_tool[0] = v3(1.0f, 0.0f, 0.0f);
+    p.normal_tool[1] = v3(0.0f, 1.0f, 0.0f);
+    p.normal_tool[2] = v3(0.0f, 0.0f, 1.0f);
+    for (float third = -2.2f; third < -1.3f; third += 0.05f) {
+        float height_m[3] = {0.0f, 0.5f * RAMP_M, third * RAMP_M}, last[2] = {-1.0f, -1.0f};
+        const float reach_m = cr_corner_reach(cr_corner_part(height_m, 3u, RAMP_M)) * RAMP_M;
+        for (float top_m = 0.6f * RAMP_M; top_m < 1.5f * RAMP_M; top_m += 1e-3f * RAMP_M) {
+            height_m[0] = top_m;
+            const float away_m[2] = {top_m, 1.0001f * top_m};
+            for (int beside = 0; beside < 2; beside++) {
+                const float share = cr_cover_by_planes(&p, &c, 0, height_m, top_m, away_m[beside]);
+                assert_true(last[beside] < 0.0f || fabsf(share - last[beside]) < 3e-3f);
+                assert_true(share == 0.0f || away_m[beside] < reach_m);
+                last[beside] = share;
+            }
+            assert_near((double)last[1], (double)last[0], 3e-3);
+        }
+    }
+    const float both[3] = {1.3f * RAMP_M, 1.3f * RAMP_M, -1.77f * RAMP_M};
+    assert_true(cr_cover_by_planes(&p, &c, 0, both, both[0], 1.84f * RAMP_M) == 0.0f);
+}
+
 /* One lane, as deep as this inside of a facet: the share of it that still counts for that. Bricks and reach as host/crease/bake/voxmap.py lays them out:
  * distances end at the diagonal of a brick and 1.1 times the reach. */
 static double share_that_stays(double depth_m, double reach_m, double voxel_m) {
@@ -292,6 +327,7 @@ int main(void) {
         cmocka_unit_test(piece_beside_an_edge_fades_late),
         cmocka_unit_test(piece_at_a_corner_reaches_to_its_corners),
         cmocka_unit_test(corner_is_where_three_planes_cut),
+        cmocka_unit_test(what_is_hardly_a_corner_ends_before_the_square),
         cmocka_unit_test(surfaces_fade_where_the_bricks_end),
         cmocka_unit_test(a_quarter_of_a_side_counts_in_full),
         cmocka_unit_test(normals_are_one_but_for_rounding),

@@ -72,7 +72,8 @@ static void planes_give_the_distance_of_a_solid_from_both_sides(void **state) {
 
 /* Kind that is found round a point. */
 static uint32_t around(const crt_rig *rig, double x, double y, double z, float reach_m) {
-    return cr_planes_around(&rig->field, v3((float)x, (float)y, (float)z), reach_m);
+    float found;
+    return cr_planes_around(&rig->field, v3((float)x, (float)y, (float)z), reach_m, &found);
 }
 
 /* The near brick of a point, to be changed. */
@@ -123,6 +124,37 @@ static void planes_hold_only_where_all_bricks_of_the_box_have_them(void **state)
     assert_int_equal(around(&rig, x, y, z, 2e-3f), 4);
     there->kind = (uint16_t)all;
     assert_int_equal(around(&rig, x, y, z, 2e-3f), all);
+    crt_close(&rig);
+}
+
+/* Planes of a floor that hold all round, while a brick beside knows a corner: pieces may be cut as far as there. */
+static void a_corner_beside_is_reckoned_with(void **state) {
+    (void)state;
+    crt_rig rig;
+    crt_solid box = crt_box(-25e-3, 0.0, 20e-3, -25e-3, 0.0);
+    open_cube_on(&rig, &box);
+    crt_mark_planes(&rig);
+    const uint32_t all = rig.scene.kind_count - 1u, floor = 1u; /* kinds are numbered by the set of their facets */
+    struct cr_img_brick *bricks = crt_section(rig.image, CR_SEC_BRICKS);
+    const cr_vec3 at = v3(-5e-3f, 5e-3f, 0.0f);
+    float reach = 0.0f;
+    assert_true(cr_is_corner(&rig.scene.kinds[all]) && !cr_is_corner(&rig.scene.kinds[floor]));
+    assert_int_equal(cr_planes_around(&rig.field, at, 3e-3f, &reach), all);
+    assert_true(reach > 1.4f);
+    for (uint32_t i = 0; i < rig.scene.brick_count; i++) {
+        bricks[i].planes = bricks[i].kind = (uint16_t)floor;
+    }
+    assert_int_equal(cr_planes_around(&rig.field, at, 3e-3f, &reach), floor);
+    assert_true(reach == 1.0f);
+    uint32_t beside = 0u; /* one brick after the other knows the corner: where it is one of those that are asked */
+    for (uint32_t i = 0; i < rig.scene.brick_count; i++) {
+        bricks[i].planes = (uint16_t)all;
+        const uint32_t kind = cr_planes_around(&rig.field, at, 3e-3f, &reach);
+        assert_int_equal(kind, floor);
+        beside += reach > 1.4f;
+        bricks[i].planes = (uint16_t)floor;
+    }
+    assert_in_range(beside, 1u, 8u);
     crt_close(&rig);
 }
 
@@ -206,6 +238,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(planes_give_the_distance_of_a_solid_from_both_sides),
         cmocka_unit_test(planes_hold_only_where_all_bricks_of_the_box_have_them),
+        cmocka_unit_test(a_corner_beside_is_reckoned_with),
         cmocka_unit_test(planes_that_do_not_matter_are_left_out),
         cmocka_unit_test(crease_along_a_face_is_outside_as_a_whole),
         cmocka_unit_test(tick_over_planes_feels_what_lookups_feel),
