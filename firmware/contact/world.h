@@ -71,7 +71,7 @@ struct cr_world {
     uint32_t looks_ahead; /* not 0: where it is expected when it is answered, */
     float expected_m;     /* and how far the contacts in hand push there together, at least */
     cr_felt answered;     /* the last that was, and touched */
-    uint32_t again;       /* 1: where it was expected nothing touched: once more, where it was */
+    uint32_t again;       /* 1: where it was expected nothing touched, or much less: once more, where it was */
     uint32_t found;       /* 1: at its end, and not answered yet */
     uint32_t answering;   /* 1: the answer has begun */
     cr_felt wanted;       /* the newest pose */
