@@ -102,6 +102,13 @@ static int tie_of_three(const rival *a, const rival *b, const rival *c, cr_vec3 
     return 1;
 }
 
+/* Which way a crease goes. W times a gradient across it is rounding, and would point anywhere. */
+static cr_vec3 along_crease(const struct cr_img_cluster *c, int i) {
+    const float x = c->wxx[i], y = c->wyy[i], z = c->wzz[i];
+    const cr_vec3 axis = {x >= max_f(y, z) ? 1.0f : 0.0f, y > x && y >= z ? 1.0f : 0.0f, z > max_f(x, y) ? 1.0f : 0.0f};
+    return v3_unit(spread_times(c, i, axis), 0.0f);
+}
+
 /* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
 float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *e, uint32_t *places) {
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
@@ -113,7 +120,7 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     float best = base;
     uint32_t looked_at = is_crease ? 3u : 1u;
     if (is_crease && count > 0u) {
-        const cr_vec3 end = v3_scale(v3_unit(r[0].spread, 0.0f), c->reach[i]);
+        const cr_vec3 end = v3_scale(along_crease(c, i), c->reach[i]);
         best = max_f(best, max_f(first_exit(e, end), first_exit(e, v3_scale(end, -1.0f))));
     }
     for (uint32_t a = 0; a < count; a++) {
