@@ -3,7 +3,8 @@
 
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
 #define FAR_MAX 4.0f
-/* Share of a half-space's weight from which on a plane bounds it in full. */
+/* Share of a half-space's weight from which on a plane bounds it as near as it is; from twice that on the exit through it is trusted. Trusted from the start, the way out of a stump
+ * that a ball swallows (ball_stump of tests/host/test_properties.py) is up to twice as long as it is. */
 #define SEEN 0.02f
 /* Cosine of normal and plane from which on the exit through the plane is trusted; up to CR_WAY_STEEP_MIN it is looked for along the normal. Where planes are
  * all there is they are trusted longer than beside a curved surface, whose exit no plane tells. */
@@ -54,9 +55,9 @@ static int is_known(const cr_way_spots *at, uint32_t facet) {
 static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t lanes, cr_way_rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
-        /* A plane that is hardly touched yet is hardly left through: it comes from afar. */
-        const float seen = min_f(1.0f, q->weight_m3 / (SEEN * half->weight_m3));
-        const float leaves = v3_dot(q->normal, half->normal) * q->part * seen;
+        /* A plane that is hardly touched yet is hardly left through: it comes from afar, and where no other is steep a march tells the way until it is there. */
+        const float seen = q->weight_m3 / (SEEN * half->weight_m3);
+        const float leaves = v3_dot(q->normal, half->normal) * q->part * min_f(1.0f, seen);
         if (is_known(at, q->facet) || !(leaves > CR_WAY_LEAVES_MIN)) {
             continue;
         }
@@ -69,6 +70,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
             steep[i] = h < 0.0f || q->sure != 0u ? leaves : NO_PLANE;
         }
         e->curved[e->count] = 0;
+        e->trusted[e->count] = clamp_f(seen - 1.0f, 0.0f, 1.0f);
         e->normal[e->count++] = q->normal;
     }
 }
@@ -80,6 +82,7 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
         const float leaves = p->curved ? 0.0f : v3_dot(p->normal, half->normal);
         e->normal[k] = p->normal;
         e->curved[k] = p->curved;
+        e->trusted[k] = 1.0f;
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             e->height_m[k][i] = p->height_m[i];
             e->leaves[k][i] = p->curved ? v3_dot(lane_of(at->normal, i), half->normal) : leaves;
@@ -153,7 +156,7 @@ static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e
         const float least = there ? -(h + reach) * per : NEVER_M;
         w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
         w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach - h) * per) : w->most_m[i];
-        w->steep[i] = higher_f(w->steep[i], leaves);
+        w->steep[i] = higher_f(w->steep[i], e->trusted[k] * leaves);
         w->second_m[i] = lower_f(w->second_m[i], higher_f(w->first_m[i], least));
         w->first_m[i] = lower_f(w->first_m[i], least);
     }

@@ -179,6 +179,24 @@ static void a_plane_that_is_hardly_touched_comes_from_afar(void **state) {
     }
 }
 
+/* A wall that is 8 mm away, and a floor that the way hardly leaves; the march, which sees the floor alone, says half of that. Up to a 50th of the weight the march is all that counts;
+ * from a 33rd on the wall is. */
+static void a_plane_is_not_trusted_before_it_is_there(void **state) {
+    (void)state;
+    const double cosine = 0.25, sine = sqrt(1.0 - cosine * cosine), away_m = 8e-3;
+    const float share[4] = {0.01f, 0.0199f, 0.0283f, 0.041f};
+    const double trust[4] = {0.0, 0.0, 0.5, 1.0};
+    const struct cr_img_cluster *c = &rig.scene.clusters[floor_cluster];
+    half.bound_count = 1u;
+    half.bounds[0] = (cr_way_bound){.facet = WALL, .normal = {1.0f, 0.0f, 0.0f}, .part = 1.0f, .sure = 1u};
+    half.bounds[0].offset_m = -c->x[0] - (float)away_m;
+    for (int i = 0; i < 4; i++) {
+        half.bounds[0].weight_m3 = share[i] * half.weight_m3;
+        const double march_m = FIELD_M / cosine, wall_m = away_m / sine;
+        assert_near(depth_of(cosine, 1u, FIELD_M, 10e-3), march_m + trust[i] * (wall_m - march_m), 0.05 * wall_m);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(planes_are_trusted_up_to_60_degrees, set_up),
@@ -189,6 +207,7 @@ int main(void) {
         cmocka_unit_test_setup(a_march_ends_near_the_surface, set_up),
         cmocka_unit_test_setup(no_way_is_much_longer_than_the_deepest_sample_is_deep, set_up),
         cmocka_unit_test_setup(a_plane_that_is_hardly_touched_comes_from_afar, set_up),
+        cmocka_unit_test_setup(a_plane_is_not_trusted_before_it_is_there, set_up),
     };
     return cmocka_run_group_tests(tests, open_block, close_block);
 }
