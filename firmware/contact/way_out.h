@@ -187,11 +187,13 @@ typedef struct {
     uint32_t count;
     cr_vec3 normal[CR_WAY_EXITS_MAX];
     int curved[CR_WAY_EXITS_MAX];
+    float
+        trusted[CR_WAY_EXITS_MAX]; /* 0..1: how far the plane is known well enough to be left through without a march */
     float height_m[CR_WAY_EXITS_MAX][CR_LANES];
     float leaves[CR_WAY_EXITS_MAX][CR_LANES];
 } cr_way_rows;
 
-/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each. */
+/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each: in full for the one that it is most of. */
 typedef struct {
     uint32_t common; /* the one that all lanes are over, or CR_WAY_NONE: then the others */
     uint32_t far;    /* lanes where no surface is near */

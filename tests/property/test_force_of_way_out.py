@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import property_scenes
 import pytest
-from crease.replay.replay import ReplayOptions, run_path
+from crease.replay.replay import ReplayOptions, World, run_path
 from crease.replay.trajectory import Trajectory, load_trajectory
 from study.properties.scenes import PropertyScene, bake_digest, image_of, load_meshes, load_scenes
 
@@ -125,6 +125,42 @@ def test_a_corner_that_comes_down_on_a_sharp_edge_is_felt_by_and_by() -> None:
         poses = np.hstack([place, np.tile(turn, (len(place), 1))])
         push = property_scenes.run(scene, poses, options)["force_N"].astype(np.float64)
         assert np.linalg.norm(np.diff(push, axis=0), axis=1).max() < 0.03
+
+
+def test_a_ball_that_swallows_a_stump_is_led_over_its_top() -> None:
+    """Its sides, most of what is touched, push against each other. Upwards by what the ball is below the top, whatever
+    samples lie nearest to that; it was up to twice as much, and jumped by 56 times the motion."""
+    push, place = push_mm(SCENES["ball_stump"])
+    low = 15.0 - place[:, 2]
+    deep = low > 1.0
+    assert deep.sum() > 300
+    np.testing.assert_allclose(push[deep, 2], low[deep], rtol=1e-3)
+    moved = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    assert (np.linalg.norm(np.diff(push, axis=0), axis=1) <= 1.4 * moved + 1e-4).all()
+
+
+def dovetail(low: float, high: float, half: float, along: float) -> Any:
+    """A prism along y, mm: as wide as 2 half at z = 0, and wider below by flanks of 60 degrees."""
+    outline = [
+        (side * (half - z / np.sqrt(3.0)), z)
+        for side, z in ((-1, low), (1, low), (1, high), (-1, high))
+    ]
+    prism = manifold3d.CrossSection([outline]).extrude(2 * along)
+    return prism.rotate((90, 0, 0)).translate((0, along, 0))
+
+
+@pytest.mark.parametrize(("low", "high", "spacing_mm"), [(-7.6, 0.0, 1.0), (-6.0, -2.0, 2.0)])
+def test_a_slanted_crease_is_as_deep_as_it_is(low: float, high: float, spacing_mm: float) -> None:
+    """A slider against one flank of its bed. Its creases lie level with the flank, and along no axis: which way
+    they go was rounding, and they were up to half a sample too deep, by turns."""
+    bed = property_scenes.box((-25, 25), (-25, 25), (-18, 0)) - dovetail(-8.0, 1.0, 6.0, 26.0)
+    scene = property_scenes.bake(bed, dovetail(low, high, 5.7, 12.0), 1.0, spacing_mm)
+    world = World(scene, ReplayOptions(stiffness_N_m=STIFFNESS_N_M))
+    for shift in np.linspace(0.4, 1.4, 41):
+        world.reset()
+        force = world.tick([1e-3 * shift, -2.6e-5, 0.0, 1.0, 0.0, 0.0, 0.0]).force_world_N
+        push_mm = 1e3 / STIFFNESS_N_M * np.linalg.norm([force.x, force.y, force.z])
+        assert push_mm == pytest.approx((shift - 0.3) * np.sin(np.pi / 3), abs=2e-3)
 
 
 def test_walls_of_a_corner_answer_each_for_itself() -> None:
