@@ -176,6 +176,32 @@ def test_cube_that_turns_on_a_plate_gets_no_energy_from_it(plate: Scene) -> None
         assert (friction > 0) == (given < -0.1 * stored)
 
 
+def round_an_edge() -> F64:
+    """Middles of a ball of 10 mm that goes 2 mm deep over a block, round its edge, and 20 mm down, m."""
+    angle = np.linspace(0.0, np.pi / 2, 120)
+    arc = np.column_stack([20 + 8 * np.sin(angle), 1.3 + 0 * angle, 8 * np.cos(angle)])
+    over = np.linspace([12, 1.3, 8], arc[0], 60)
+    down = np.linspace(arc[-1], [28, 1.3, -20], 120)
+    return 1e-3 * np.concatenate([over, arc, down])
+
+
+def test_a_ball_of_facets_does_not_hang_from_an_edge() -> None:
+    """Corners between facets stand out beyond the pieces beside them: one hung there by 25 mm, where 2 is right."""
+    ball = trimesh.creation.icosphere(3, 10.0)
+    block = box(40, 60, 20).translate([0, 0, -10])
+    meshes = [
+        make_mesh(vertices_of(block), block.to_mesh().tri_verts, 1e-3),
+        make_mesh(ball.vertices, ball.faces, 1e-3),
+    ]
+    scene = bake(*meshes, spacing_m=1e-3, voxel_m=2e-3)
+    at_m = round_an_edge()
+    for turn in Rotation.random(4, rng=np.random.default_rng(1)):
+        options = ReplayOptions(stiffness_N_m=K_T, couple=CoupleOptions())
+        rows = run_path(scene, path_of(at_m, Rotation.concatenate([turn] * len(at_m))), options)
+        pull_mm = 1e3 / K_T * np.linalg.norm(rows["force_N"], axis=1)
+        assert 1.9 < pull_mm.max() < 2.3
+
+
 def test_replay_couple_writes_the_held_tool(
     plate: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
