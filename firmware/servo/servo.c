@@ -70,6 +70,10 @@ void cr_servo_rx(cr_servo *s, const cr_frame *frame) {
 
 void cr_servo_sync(cr_servo *s, uint64_t now_ns, cr_tx *tx) {
     tx->count = 0u;
+    if (s->synced && now_ns < s->sync_ns) {
+        s->sync_ns = UINT64_MAX; /* time went back: later than any tick, which tells so */
+        return;
+    }
     s->sync_ns = now_ns;
     s->synced = 1u;
     cr_bus_sync(&s->bus, tx);
@@ -361,7 +365,7 @@ static void record_inputs(cr_servo *s, uint32_t inputs, uint64_t now_ns, float p
     r->inputs = inputs;
     r->sync_ns = s->sync_ns;
     r->now_ns = now_ns;
-    r->period_s = period_s;
+    r->period_s = period_s > 0.0f && period_s <= 1.0f ? period_s : 0.0f; /* out of range it is a fault: as 0 is */
     r->rx_drops = s->rx_drops;
     r->rx_babbled = s->rx_babbled;
     r->frame_count = s->frame_count;
@@ -448,7 +452,7 @@ void cr_servo_tick(cr_servo *s, uint64_t now_ns, float period_s, cr_tx *tx) {
     record_outputs(s, &out, target);
     s->last_now_ns = now_ns;
     s->synced = s->inputs = s->frame_count = s->rx_babbled = 0u;
-    s->ticks++;
+    s->ticks += s->ticks == UINT32_MAX ? 2u : 1u; /* 0 is the first tick alone */
 }
 
 /* ------------------------------------------------------------------------------------------------------- status */

@@ -1,5 +1,6 @@
 /* What a servo meets seldom: calls out of order, frames that are none, commands at odd times, hostile records. */
 #include "contact/image.h"
+#include "servo/servo_stages.h"
 #include "servo_rig.h"
 
 #include <math.h>
@@ -147,6 +148,45 @@ static void time_that_goes_back_or_jumps_is_a_fault(void **state) {
         assert_true((cr_servo_get_status(rig.servo).first_fault & wrong[i].fault) != 0u && torque_is_zero());
         power_off(state);
     }
+    assert_int_equal(in_contact(state), 0); /* for power_off after the test */
+}
+
+/* Of two SYNCs before one tick the second is of an earlier time: no frame leaves, and the tick is a fault. The next period is like any. */
+static void a_second_sync_may_not_be_earlier(void **state) {
+    cr_tx tx;
+    assert_int_equal(in_contact(state), 0);
+    rig.now_ns += MS;
+    cr_servo_sync(rig.servo, rig.now_ns, &tx);
+    assert_int_equal(tx.count, 1);
+    cr_servo_sync(rig.servo, rig.now_ns - 1u, &tx);
+    assert_int_equal(tx.count, 0);
+    crt_servo_tick(&rig, rig.now_ns + 1000u, 1e-3f);
+    assert_int_equal(mode(), CR_MODE_FAULT);
+    assert_true((cr_servo_get_status(rig.servo).first_fault & CR_FAULT_BAD_STATE) != 0u && torque_is_zero());
+    power_off(state);
+    assert_int_equal(in_contact(state), 0); /* for power_off after the test */
+}
+
+/* What is recorded of a period that is no number is one. */
+static void a_period_that_is_no_number_is_recorded_as_none(void **state) {
+    assert_int_equal(in_contact(state), 0);
+    period_at(rig.now_ns + MS, rig.now_ns + MS + 1000u, NAN);
+    assert_int_equal(mode(), CR_MODE_FAULT);
+    assert_true(cr_servo_get_record(rig.servo)->period_s == 0.0f);
+    power_off(state);
+    assert_int_equal(in_contact(state), 0); /* for power_off after the test */
+}
+
+/* After 49.7 days at 1 kHz the count of ticks begins anew: that tick is no first one, and time that goes back in it a fault as in any. */
+static void ticks_that_begin_anew_are_no_first_tick(void **state) {
+    assert_int_equal(in_contact(state), 0);
+    rig.servo->ticks = UINT32_MAX;
+    period_at(rig.now_ns + MS, rig.now_ns + MS + 1000u, 1e-3f);
+    assert_true(cr_mode_is_rendering(mode()));
+    period_at(rig.now_ns - MS, rig.now_ns + MS, 1e-3f);
+    assert_int_equal(mode(), CR_MODE_FAULT);
+    assert_true((cr_servo_get_status(rig.servo).first_fault & CR_FAULT_BAD_STATE) != 0u && torque_is_zero());
+    power_off(state);
     assert_int_equal(in_contact(state), 0); /* for power_off after the test */
 }
 
@@ -417,6 +457,9 @@ int main(void) {
         cmocka_unit_test_setup_teardown(speed_after_lost_states_is_the_one_it_has, in_contact, power_off),
         cmocka_unit_test_teardown(damping_of_the_world_after_a_hole_is_that_of_the_speed, power_off),
         cmocka_unit_test_teardown(time_that_goes_back_or_jumps_is_a_fault, power_off),
+        cmocka_unit_test_teardown(a_second_sync_may_not_be_earlier, power_off),
+        cmocka_unit_test_teardown(a_period_that_is_no_number_is_recorded_as_none, power_off),
+        cmocka_unit_test_teardown(ticks_that_begin_anew_are_no_first_tick, power_off),
         cmocka_unit_test_teardown(a_tick_that_is_held_up_counts_once, power_off),
         cmocka_unit_test_setup_teardown(speed_after_a_late_tick_is_the_one_it_has, in_contact, power_off),
         cmocka_unit_test_setup_teardown(off_switches_the_drives_off_in_its_tick, in_contact, power_off),
