@@ -204,9 +204,10 @@ void cr_coupled_reset(cr_coupled *coupled);
 /* Purpose  one tick: the held tool follows the hand as far as the scene lets it, in steps that pass through nothing, and pulls.
  * Shapes   world: its scene is looked up, nothing of it is written.
  * Output   as cr_couple_step, and coupled->stats. The first tick begins at the hand's pose: what is inside there is led out the way its distance grows, over as
- *          many ticks as that takes.
+ *          many ticks as that takes. Begun where that leads to no way out, as 14 mm deep in a V-groove's flank, it stays inside, and out->inside_m says so
+ *          tick by tick: begin outside.
  * Late     a hand that is faster than CR_COUPLE_STEPS_MAX steps of half a voxel a tick is followed over several.
- * Errors   none: see faults; a null world is CR_COUPLE_FAULT_CONTACT.   Cost  couple/DESIGN.md "Cost". */
+ * Errors   none: see faults; a null world is CR_COUPLE_FAULT_CONTACT.   Cost  couple/DESIGN.md "Cost"; inside, or among thousands of near samples, no bound is kept. */
 void cr_couple_tick(cr_coupled *coupled, const cr_world *world, const cr_pose *world_from_tool, float period_s,
                     cr_couple_output *out);
 

@@ -3,6 +3,8 @@
 
 /* Where the energy to be had is less than that of so short a pull, squared, it is down: above it stand 1e-4 N at 2,000 N/m. m. */
 #define STILL_M 5e-8f
+/* A slope beyond is none, m^2. */
+#define SLOPE_MOST 1e30f
 /* Nor is more looked for where it is so small a part of the motion since the round began. */
 #define FINE 1e-3f
 /* Iterations while the limits of friction stand, and how often they are set anew. */
@@ -223,7 +225,8 @@ static float step_down(const cr_couple_task *task, const cr_couple_point *points
     const cr_motion6 g = look_around(task, points, motion, &h);
     const cr_motion6 way = newton_motion(&h, &g);
     const float slope = motion_dot(&g, &way);
-    if (!(-slope > STILL_M * STILL_M)) {
+    /* Nor where the way is beyond all numbers: of pivots that rounding has lost. */
+    if (!(-slope > STILL_M * STILL_M && -slope < SLOPE_MOST)) {
         return 0.0f;
     }
     const float t = find_share(task, points, motion, &way, slope);
