@@ -29,17 +29,17 @@ from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
 from crease.mesh.mend import mend_surface
 from crease.mesh.polygons import WITH_POLYGONS, parse_off, unfold
+from crease.mesh.texts import STL_HEAD, STL_TRIANGLE, check_whole, is_binary_stl, stumble
 
 STEP = (".step", ".stp")
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", *STEP)
 """Formats that are read; STEP with the extra of that name."""
 
-STL_HEAD = 84
-STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""A binary STL: bytes before its triangles, and one of these."""
-
 OBJ_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t])?0+(?:[/ \t\r]|$)", re.MULTILINE)
 """A face of an OBJ with a vertex 0: its reader takes it for the last one."""
+
+UNEXPECTED = {"PLY is unexpected length!": "it is not as long as its head says"}
+"""What a reader says, and what a person understands."""
 
 CHORD_M = 2e-5
 """How far triangles may lie from the curved surfaces of a STEP file."""
@@ -188,7 +188,7 @@ def _parse_whole(
     path: Path, source: bytes, unit_m: float, chord_m: float
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     source = _plain(path, source)
-    _check_whole(path, source)
+    check_whole(path, source)
     if path.suffix.lower() not in STEP:
         return _parse(path, source)
     vertices_m, triangles = _parse(path.with_suffix(".glb"), _tessellate(path, chord_m))
@@ -197,7 +197,7 @@ def _parse_whole(
 
 def _plain(path: Path, source: bytes) -> bytes:
     """Text as its readers know it: UTF-8 without a mark, and lines that end as they do here."""
-    if path.suffix.lower() not in (".stl", ".obj", ".off") or _is_binary_stl(source):
+    if path.suffix.lower() not in (".stl", ".obj", ".off") or is_binary_stl(source):
         return source
     if source.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         source = source.decode("utf-16", errors="replace").encode()
@@ -246,34 +246,6 @@ def _tessellate(path: Path, chord_m: float) -> bytes:
         return made.read_bytes()
 
 
-def _check_whole(path: Path, source: bytes) -> None:
-    """Refuse an STL that ends before its last triangle."""
-    head, record = STL_HEAD, STL_TRIANGLE.itemsize
-    if path.suffix.lower() != ".stl" or _is_binary_stl(source):
-        return
-    start = source[:2000].lstrip().lower()
-    if start.startswith(b"solid") and b"facet" in start:
-        if b"endsolid" not in source[-2000:].lower():
-            raise MeshError(
-                f"{path}: is cut off: it does not end with endsolid; copy or export it again"
-            )
-        return
-    count = int.from_bytes(source[80:84], "little") if len(source) >= head else 0
-    if len(source) < head or len(source) < head + record * count:
-        held = max(0, len(source) - head) // record
-        raise MeshError(
-            f"{path}: is cut off: it holds {held:,} of {count:,} triangles; copy or export it again"
-            if len(source) >= head
-            else f"{path}: is cut off: {len(source)} bytes are less than the head of an STL; copy or export it again"
-        )
-
-
-def _is_binary_stl(source: bytes) -> bool:
-    """Whether it holds as many triangles as it says, whatever follows: letters of a text would say over 500 million."""
-    count = int.from_bytes(source[80:84], "little")
-    return count > 0 and len(source) >= STL_HEAD + STL_TRIANGLE.itemsize * count
-
-
 def _parse_binary_stl(source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """As trimesh reads it, in a tenth of the time."""
     count = int.from_bytes(source[80:84], "little")
@@ -293,7 +265,7 @@ def _parse(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any
 
 def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Vertices and triangles as the file has them, polygons cut into fans."""
-    if path.suffix.lower() == ".stl" and _is_binary_stl(source):
+    if path.suffix.lower() == ".stl" and is_binary_stl(source):
         return _parse_binary_stl(source)
     import trimesh
 
@@ -314,8 +286,11 @@ def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArra
     except (
         Exception
     ) as error:  # the readers of the formats raise whatever a damaged file leads them to
-        # A reader that does not know what it sees asks for ever more packages.
-        reason = "is damaged" if isinstance(error, ImportError) else describe(error)[:160]
+        reason = stumble(path.suffix.lower(), source) or UNEXPECTED.get(
+            str(error), describe(error)[:160]
+        )
+        if isinstance(error, ImportError):
+            reason = "is damaged"  # a reader that does not know what it sees asks for packages
         raise MeshError(
             f"{path}: cannot be read as {path.suffix}: {reason}; export it again"
         ) from error

@@ -1,0 +1,90 @@
+"""Mesh files that are cut off or damaged: one line that says what, and on which line of the file where it is text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import trimesh
+from crease.base.errors import MeshError
+from crease.mesh.mesh import load_mesh, read_arrays
+
+FACET = (
+    "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+)
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+def refusal(path: Path, content: str) -> str:
+    """What is said of a file that is refused, without its name."""
+    path.write_text(content)
+    with pytest.raises(MeshError) as caught:
+        load_mesh(path, 1e-3)
+    return str(caught.value).removeprefix(f"{path}: ")
+
+
+@pytest.fixture
+def ply() -> str:
+    """A ball of 80 triangles as PLY in text."""
+    ball = trimesh.creation.icosphere(1, radius=10.0)
+    return str(ball.export(file_type="ply", encoding="ascii"), "ascii")
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (1, "is cut off: it holds 79 of 80 faces; copy or export it again"),
+        (20, "is cut off: it holds 60 of 80 faces; copy or export it again"),
+        (100, "is cut off: it holds 22 of 42 vertices; copy or export it again"),
+    ],
+)
+def test_a_ply_in_text_that_is_cut_off_is_refused(
+    tmp_path: Path, ply: str, rows: int, said: str
+) -> None:
+    assert refusal(tmp_path / "ball.ply", "".join(ply.splitlines(keepends=True)[:-rows])) == said
+
+
+def test_a_ply_that_is_cut_off_within_its_last_face_or_its_head_is_refused(
+    tmp_path: Path, ply: str
+) -> None:
+    within = refusal(tmp_path / "ball.ply", ply.rstrip().rsplit(" ", 1)[0])
+    assert within.startswith("is cut off: its last face has fewer vertices than it says")
+    head = refusal(tmp_path / "ball.ply", ply[: ply.index("end_header")])
+    assert head.startswith("is cut off: its head does not end with end_header")
+
+
+def test_a_whole_ply_in_text_is_read_however_it_ends(tmp_path: Path, ply: str) -> None:
+    path = tmp_path / "ball.ply"
+    for text in (ply, ply.rstrip(), ply + "\n\n", ply.replace("\n", "\r\n")):
+        path.write_bytes(text.encode())
+        assert len(read_arrays(path, 1e-3)[1]) == 80
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.stl", f"solid\n{FACET.replace('1 0 0', '1,5 0 0')}endsolid", "line 5: '1,5' is not a number"),
+        ("b.stl", f"solid\n{FACET.replace('vertex 1 0 0', '')}endsolid", "line 8: a facet has 2 vertices"),
+        ("c.stl", f"solid\n{FACET.replace('1 0 0', '1 0')}endsolid", "line 5: a vertex has 2 numbers, not 3"),
+        ("d.stl", "no mesh, a letter\n" * 9, "is a text, but no STL"),
+        ("e.obj", f"{CORNERS.replace('v 1', 'v abc')}f 1 2 3\n", "line 2: 'abc' is not a number"),
+        ("f.obj", f"{CORNERS.replace('v 1', 'v 1,0')}f 1 2 3\n", "'1,0' is not a number: it has a decimal comma"),
+        ("g.obj", f"{CORNERS}f 1 2 9\n", "line 4: a face names vertex 9, there are 3"),
+        ("h.obj", f"{CORNERS}f 0 1 2\n", "line 4: a face names vertex 0, the first is 1"),
+        ("i.off", "OFF\n3 1 0\n0 0 0\n1 x 0\n0 1 0\n3 0 1 2\n", "line 4: 'x' is not a number"),
+    ],
+)  # fmt: skip
+def test_a_damaged_text_is_refused_with_its_line_and_without_words_of_the_reader(
+    tmp_path: Path, name: str, content: str, said: str
+) -> None:
+    text = refusal(tmp_path / name, content)
+    assert said in text
+    assert "again" in text
+    assert not any(word in text for word in ("reshape", "string or file", "axis 0", "billion"))
+
+
+def test_a_binary_ply_that_is_cut_off_is_told_so(tmp_path: Path) -> None:
+    path = tmp_path / "ball.ply"
+    path.write_bytes(trimesh.creation.icosphere(1).export(file_type="ply")[:-5])
+    with pytest.raises(MeshError, match="it is not as long as its head says"):
+        load_mesh(path, 1e-3)
