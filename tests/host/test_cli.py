@@ -248,6 +248,19 @@ def test_info_of_what_is_no_scene(folder: Path, block_stl: Path, crease: Run) ->
     assert_error(crease("info", folder), "directory")
 
 
+def test_info_of_a_scene_that_is_empty_or_cut_off(
+    tmp_path: Path, scene_crs: Path, crease: Run
+) -> None:
+    image, cut = scene_crs.read_bytes(), tmp_path / "cut.crs"
+    for size, reason in (
+        (0, "is an empty file; bake it again"),
+        (50, "is cut off within its head, after 50 bytes; bake it again"),
+        (100_000, f"is cut off: it holds 100,000 of {len(image):,} bytes; bake it again"),
+    ):
+        cut.write_bytes(image[:size])
+        assert_error(crease("info", cut), f"{cut}: {reason}")
+
+
 def test_replay_report_for_programs(
     folder: Path, scene_crs: Path, press_csv: Path, crease: Run
 ) -> None:

@@ -68,6 +68,7 @@ def test_a_table_is_read_back_from_mcap(press_out: Path, tmp_path: Path, crease:
         "output": str(out),
         "ticks": len(columns["t_s"]),
         "bytes": out.stat().st_size,
+        "warnings": [],
     }
     assert set(found) == {
         "/tf",

@@ -125,7 +125,33 @@ def test_replay_reads_a_recording_that_is_cut_up_to_its_last_whole_record(
     assert said.json["ticks"] == whole - 1
     assert said.json["ticks_different"] == 0
     left = rec.RECORD.itemsize - 100
-    assert f"last whole one; {left} bytes after it are left out" in said.err
+    warning = f"last whole one; {left} bytes after it are left out"
+    assert warning in said.err
+    for verb in (("plot", path, "-o", folder / "cut.png"), ("export", path, "--to", "csv")):
+        said = crease(*verb, "--force")
+        assert said.status == 0, said.err
+        assert warning in said.err
+
+
+def test_a_recording_without_its_head_is_told_to_be_empty_or_cut_off(
+    tmp_path: Path, scene_crs: Path, run_crr: Path, crease: Run
+) -> None:
+    path = tmp_path / "cut.crr"
+    for data, reason in (
+        (b"", "is an empty file; record it again"),
+        (run_crr.read_bytes()[:5], "is cut off within its head: 5 of"),
+        (run_crr.read_bytes()[:20], "is cut off within its head: 20 of"),
+        (b"no recording", "is no recording: 12 bytes are less than its head"),
+    ):
+        path.write_bytes(data)
+        for verb in (
+            ("replay", scene_crs, path, "-o", tmp_path / "cut.csv"),
+            ("plot", path, "-o", tmp_path / "cut.png"),
+            ("export", path, "--to", "csv"),
+        ):
+            said = crease(*verb)
+            assert said.status == 1
+            assert said.err.startswith(f"error: {path}: {reason}")
 
 
 def test_replay_refuses_a_recording_without_a_record_or_of_another_version(
@@ -136,7 +162,7 @@ def test_replay_refuses_a_recording_without_a_record_or_of_another_version(
     version[8] = 9
     for name, content, why in (
         ("none", data[: int(lib.CR_RECORDS_AT) + 100], "no whole record"),
-        ("head", data[:500], "less than its head"),
+        ("head", data[:500], "is cut off within its head"),
         ("version", bytes(version), "record it again"),
     ):
         path = folder / f"{name}.crr"

@@ -98,14 +98,27 @@ def open_image(
     image: bytes, source: str, meshes_glb: bytes | None = None, warnings: tuple[str, ...] = ()
 ) -> Scene:
     """Validate an image.   Errors: SceneError with the firmware's reason."""
+    if not image:
+        raise SceneError(f"{source}: is an empty file; bake it again")
     aligned = _aligned_copy(image)
     handle = ffi.new("cr_scene *")
     code = int(lib.cr_scene_open(handle, ffi.from_buffer("uint8_t[]", aligned), len(aligned)))
     if code != lib.CR_OK:
-        text = error_text(code)
+        text = _cut_off(image) if code == lib.CR_ERR_SIZE else error_text(code)
         mend = "" if "bake it again" in text else "; bake it again"
         raise SceneError(f"{source}: {text}{mend}")
     return Scene(aligned, handle, source, meshes_glb, warnings)
+
+
+def _cut_off(image: bytes) -> str:
+    """Of an image that ends before the size its head tells, or within its head."""
+    head = ffi.new("struct cr_img_header *")
+    if len(image) < ffi.sizeof("struct cr_img_header"):
+        return f"is cut off within its head, after {len(image)} bytes"
+    ffi.buffer(head)[:] = image[: ffi.sizeof("struct cr_img_header")]
+    if head.size_bytes <= len(image):
+        return "is damaged: its head tells another size"
+    return f"is cut off: it holds {len(image):,} of {head.size_bytes:,} bytes"
 
 
 def open_scene(path: Path) -> Scene:

@@ -17,6 +17,7 @@ from crease.replay.cdr import MESSAGES, Message, definition
 from crease.replay.clouds import contact_topics, options_of_recording, path_of_recording
 from crease.replay.recording import (
     Recording,
+    cut_warning,
     fault_names,
     is_recording,
     limit_names,
@@ -69,8 +70,8 @@ def load(path: Path) -> tuple[Columns, Recording | None]:
     return columns, None
 
 
-def export(path: Path, kind: str, out: Path, scene: Scene | None = None) -> int:
-    """Write `out` in one of FORMATS, whole or not at all.   Output: ticks.   Errors: CreaseError.
+def export(path: Path, kind: str, out: Path, scene: Scene | None = None) -> tuple[int, list[str]]:
+    """Write `out` in one of FORMATS, whole or not at all.   Output: ticks, warnings.   Errors: CreaseError.
 
     scene: of a recording, for MCAP with contact points.
     """
@@ -87,7 +88,7 @@ def export(path: Path, kind: str, out: Path, scene: Scene | None = None) -> int:
         _write_parquet(out, columns)
     else:
         write_table(out, columns)
-    return len(columns["t_s"])
+    return len(columns["t_s"]), [] if recording is None else cut_warning(recording)
 
 
 def write_recording(out: Path, recording: Recording, scene: Scene | None = None) -> None:

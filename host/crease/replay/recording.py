@@ -62,10 +62,10 @@ class Rerun:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether the file starts like a recording. False when it cannot be read."""
+    """Whether the file starts like a recording, or has its suffix. False when it cannot be read."""
     try:
         with path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
+            return file.read(len(MAGIC)) == MAGIC or path.suffix.lower() == SUFFIX
     except OSError:
         return False
 
@@ -81,7 +81,7 @@ def load_recording(path: Path) -> Recording:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
     start = int(lib.CR_RECORDS_AT)
     if len(data) < start:
-        raise RecordingError(f"{path}: is no recording: {len(data)} bytes are less than its head")
+        raise RecordingError(f"{path}: {_short(data, start)}")
     head, config = ffi.new("cr_record_head *"), ffi.new("cr_servo_config *")
     code = _read_head(data, head, config)
     if code != lib.CR_OK:
@@ -98,6 +98,15 @@ def load_recording(path: Path) -> Recording:
         )
     rows = np.frombuffer(data, dtype=RECORD, count=whole, offset=start).copy()
     return Recording(rows, config, int(head.scene_crc32), str(path), cut)
+
+
+def _short(data: bytes, start: int) -> str:
+    """What is wrong with a file of fewer bytes than the head of a recording has."""
+    if not data:
+        return "is an empty file; record it again"
+    if MAGIC.startswith(data[: len(MAGIC)]):
+        return f"is cut off within its head: {len(data)} of {start} bytes; record it again"
+    return f"is no recording: {len(data)} bytes are less than its head"
 
 
 def _read_head(data: bytes, head: Any, config: Any) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from crease.base.scene import open_scene
 from crease.base.table import check_suffix, check_target
-from crease.verbs.common import SubParsers, add_force, add_json, print_either
+from crease.verbs.common import SubParsers, add_force, add_json, print_either, warn
 
 FORMATS = ("mcap", "csv", "npz", "parquet")
 """As crease.replay.export has them, which is imported when it is used."""
@@ -54,6 +54,12 @@ def run(args: argparse.Namespace) -> None:
     check_suffix(out, (f".{args.to}",))
     check_target(out, args.force, (args.input,))
     scene = None if args.scene is None else open_scene(args.scene)
-    ticks = export(args.input, args.to, out, scene)
-    report: dict[str, object] = {"output": str(out), "ticks": ticks, "bytes": out.stat().st_size}
+    ticks, warnings = export(args.input, args.to, out, scene)
+    warn(warnings)
+    report: dict[str, object] = {
+        "output": str(out),
+        "ticks": ticks,
+        "bytes": out.stat().st_size,
+        "warnings": warnings,
+    }
     print_either(args.json, report, [("output", str(out)), ("ticks", f"{ticks:,}")])

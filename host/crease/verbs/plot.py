@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from crease.base.errors import CreaseError
 from crease.base.table import check_suffix, check_target, read_table, write_atomic
-from crease.replay.recording import is_recording, load_recording
+from crease.replay.recording import cut_warning, is_recording, load_recording
 from crease.replay.replay import ANSWER_COLUMNS
-from crease.verbs.common import SubParsers, add_force
+from crease.verbs.common import SubParsers, add_force, warn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,8 +64,11 @@ def _is_loop(path: Path) -> bool:
 def _draw_run(path: Path, title: str | None) -> Figure:
     from crease.draw.plot_loop import draw_loop, recording_table
 
-    table = recording_table(load_recording(path)) if is_recording(path) else read_table(path)
-    return draw_loop(table, title or path.stem)
+    if not is_recording(path):
+        return draw_loop(read_table(path), title or path.stem)
+    recording = load_recording(path)
+    warn(cut_warning(recording))
+    return draw_loop(recording_table(recording), title or path.stem)
 
 
 def run(args: argparse.Namespace) -> None:
