@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from crease.bake.check import thinnest_wall
+from crease.bake.check import Findings, thinnest_wall
 from crease.bake.surface import make_surface
+from crease.draw import findings
 from crease.mesh.mesh import make_mesh
 from host_tools import Run
 
@@ -102,6 +104,28 @@ def test_the_picture_is_written(tmp_path: Path, plate: Path, crease: Run) -> Non
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 0
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 1
+
+
+def test_the_picture_names_its_axes_and_takes_any_name_of_a_file(
+    tmp_path: Path,
+    plate: Path,
+    crease: Run,
+    recwarn: pytest.WarningsRecorder,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: list[tuple[str, ...]] = []
+    draw = findings._draw_one
+
+    def kept(axes: Any, one: Findings) -> None:
+        draw(axes, one)
+        drawn.append((axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()))
+
+    monkeypatch.setattr(findings, "_draw_one", kept)
+    other = plate.rename(tmp_path / "$x^{$ 立方.stl")
+    said = crease("check", other, "--unit", "mm", "-o", tmp_path / "found.png")
+    assert (said.status, said.err) == (0, "")
+    assert drawn == [("x, mm", "y, mm", "z, mm")]
+    assert not recwarn.list
 
 
 @pytest.mark.slow

@@ -127,7 +127,10 @@ def test_replay_reads_a_recording_that_is_cut_up_to_its_last_whole_record(
     left = rec.RECORD.itemsize - 100
     warning = f"last whole one; {left} bytes after it are left out"
     assert warning in said.err
-    for verb in (("plot", path, "-o", folder / "cut.png"), ("export", path, "--to", "csv")):
+    for verb in (
+        ("plot", path, "-o", folder / "cut.png", "--title", "$x^{$"),
+        ("export", path, "--to", "csv"),
+    ):
         said = crease(*verb, "--force")
         assert said.status == 0, said.err
         assert warning in said.err

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crease.base.table import read_table
 from crease.draw.corner import CornerCase, draw_corner, section_xz
-from crease.draw.plot import draw_ticks, forces_N, save_figure, torques_Nm, turn_deg
+from crease.draw.plot import Table, draw_ticks, forces_N, save_figure, torques_Nm, turn_deg
 from crease.mesh.mesh import load_mesh
 from host_tools import Run
 from hypothesis import given
@@ -77,6 +77,40 @@ def test_same_table_gives_the_same_svg(folder: Path, press_out: Path, crease: Ru
     for figure in (one, two):
         crease("plot", press_out, "-o", figure, "--title", "same")
     assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["$x^{$", "a$b", "力 覚"])
+def test_names_and_titles_are_drawn_as_they_stand_and_nothing_is_said(
+    tmp_path: Path, press_out: Path, crease: Run, recwarn: pytest.WarningsRecorder, name: str
+) -> None:
+    table, other = tmp_path / f"{name}.csv", tmp_path / "other.csv"
+    for path in (table, other):
+        path.write_bytes(press_out.read_bytes())
+    for tables, more in (([table], []), ([table, other], ["--title", name])):
+        said = crease("plot", *tables, "-o", tmp_path / "out.png", "--force", *more)
+        assert (said.status, said.err) == (0, "")
+    assert not recwarn.list
+
+
+def test_one_row_is_seen(press_out: Path) -> None:
+    table = read_table(press_out)
+    one = {name: column[300:301] for name, column in table.items()}
+    for axes in draw_ticks([one], ["one"]).axes:
+        assert {line.get_marker() for line in axes.lines} == {"o"}
+    assert {line.get_marker() for line in draw_ticks([table], ["all"]).axes[0].lines} == {"None"}
+
+
+def test_depth_of_a_held_tool_is_named_as_what_it_is(press_out: Path) -> None:
+    free = read_table(press_out)
+    held = {**free, "couple_N_m": np.full(len(free["t_s"]), 1000.0)}
+
+    def label(*tables: Table) -> str:
+        axes = draw_ticks(tables, [str(i) for i in range(len(tables))]).axes
+        return axes[2 if len(tables) == 1 else 3].get_ylabel()
+
+    assert label(free) == "depth, mm"
+    assert label(held) == label(held, held) == "hand from the\nheld tool, mm"
+    assert label(held, free) == "depth, or hand from\nthe held tool, mm"
 
 
 def test_table_of_another_kind_is_refused(folder: Path, press_csv: Path, crease: Run) -> None:

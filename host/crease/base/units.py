@@ -36,6 +36,11 @@ def parse_unit(text: str) -> float:
     return METRES[name]
 
 
+def unit_name(unit_m: float) -> str:
+    """The name of a unit of so many metres, `units` for one that has none."""
+    return next((name for name, metres in METRES.items() if metres == unit_m), "units")
+
+
 def _any_length(text: str, bare_m: float) -> float:
     """A length of any sign, in m.   Errors: UnitError when it is not a number or has an unknown unit."""
     match = _LENGTH.match(text)

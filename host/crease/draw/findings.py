@@ -9,6 +9,8 @@ import numpy as np
 
 from crease.bake.check import Findings
 from crease.base.table import write_atomic
+from crease.base.units import unit_name
+from crease.draw.plot import plain, quiet_glyphs
 
 MARKS_MAX = 2000
 """Places of one kind that are marked."""
@@ -27,7 +29,8 @@ def draw_findings(findings: list[Findings], path: Path) -> None:
     for i, one in enumerate(findings):
         _draw_one(figure.add_subplot(rows, columns, i + 1, projection="3d"), one)
     try:
-        write_atomic(path, lambda file: figure.savefig(file, format="png", dpi=110))
+        with quiet_glyphs():
+            write_atomic(path, lambda file: figure.savefig(file, format="png", dpi=110))
     finally:
         plt.close(figure)
 
@@ -57,7 +60,9 @@ def _draw_one(axes: Any, one: Findings) -> None:
             axes.scatter(*(points / unit).T, c=colour, marker=marker, s=30, label=label)
     low, high = one.vertices_m.min(axis=0) / unit, one.vertices_m.max(axis=0) / unit
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    name = unit_name(unit)
+    axes.set(xlabel=f"x, {name}", ylabel=f"y, {name}", zlabel=f"z, {name}")
     axes.set_box_aspect(np.maximum(high - low, 1e-9))
-    axes.set_title(Path(one.source).name, fontsize=10)
+    axes.set_title(plain(Path(one.source).name), fontsize=10)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, loc="upper left")

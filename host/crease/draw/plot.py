@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +27,12 @@ FORCE_FLOOR_N = 1e-3
 
 NOTICEABLE_TURN_DEG = 18.0
 """Published threshold above which a change of direction is felt."""
+
+HELD = "couple_N_m"
+"""A column of a held tool's table only: its depth is how far the spring is drawn."""
+
+FEW = 20
+"""Points of a line, at most, that are marked: a line through one point does not show."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.0,
@@ -77,13 +85,35 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def plain(text: str) -> str:
+    """A name or a title as it stands, whatever it has of mathematics: `$` begins none."""
+    return text.replace("$", r"\$")
+
+
+@contextmanager
+def quiet_glyphs() -> Iterator[None]:
+    """Within this nothing is said of letters that the font has not: they are drawn as boxes."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from", UserWarning)
+        yield
+
+
+def mark_few(panels: Sequence[Axes]) -> None:
+    """Marks on lines of few points that have none."""
+    for line in (line for axes in panels for line in axes.lines):
+        of_data = line.axes is not None and line.get_transform() == line.axes.transData
+        few = len(np.atleast_1d(line.get_xdata())) <= FEW
+        if of_data and few and line.get_marker() == "None":
+            line.set(marker="o", markersize=3.0)
+
+
 def save_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
     """Write a figure as `png`, `svg` or `pdf`; the same bytes for the same figure."""
     import matplotlib as mpl
 
     # Dates in the file would make each run differ.
     dated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context(STYLE), quiet_glyphs():
         figure.savefig(file, format=kind, metadata=dated[kind])
 
 
@@ -114,8 +144,9 @@ def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None 
         panels[2].set_xlabel("time, s")
         panels[2].margins(x=0.01)
         figure.align_ylabels()
+        mark_few(figure.axes)
         alone = names[0] if len(names) == 1 else ""  # the legend names several
-        figure.suptitle(title or alone, fontsize=11, fontweight="bold", wrap=True)
+        figure.suptitle(plain(title or alone), fontsize=11, fontweight="bold", wrap=True)
     return figure
 
 
@@ -147,7 +178,7 @@ def _pens(tables: Sequence[Table]) -> list[tuple[Table, dict[str, Any]]]:
 
 def _draw_magnitudes(axes: Axes, tables: Sequence[Table], names: Sequence[str]) -> None:
     for (table, pen), name in zip(_pens(tables), names, strict=True):
-        axes.plot(table["t_s"], np.linalg.norm(forces_N(table), axis=1), label=name, **pen)
+        axes.plot(table["t_s"], np.linalg.norm(forces_N(table), axis=1), label=plain(name), **pen)
     axes.set_ylabel("|F|, N")
     legend_beside(axes)
 
@@ -176,7 +207,10 @@ def _draw_torque(axes: Axes, tables: Sequence[Table]) -> None:
 def _draw_depth(axes: Axes, tables: Sequence[Table]) -> None:
     for table, pen in _pens(tables):
         axes.plot(table["t_s"], 1e3 * np.asarray(table["depth_m"]), **pen)
-    axes.set_ylabel("depth, mm")
+    held = [HELD in table for table in tables]
+    of_one_kind = "hand from the\nheld tool, mm" if all(held) else "depth, mm"
+    mixed = any(held) and not all(held)
+    axes.set_ylabel("depth, or hand from\nthe held tool, mm" if mixed else of_one_kind)
     axes.set_ylim(bottom=0.0)
 
 

@@ -9,7 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from crease.base.native import ffi, lib
-from crease.draw.plot import COLOURS, STYLE, Table, forces_N, legend_beside, new_figure, torques_Nm
+from crease.draw.plot import (
+    COLOURS,
+    STYLE,
+    Table,
+    forces_N,
+    legend_beside,
+    mark_few,
+    new_figure,
+    plain,
+    torques_Nm,
+)
 from crease.replay.recording import Recording, fault_names, limit_names, mode_names, to_columns
 
 if TYPE_CHECKING:
@@ -78,10 +88,11 @@ def draw_loop(table: Table, title: str) -> Figure:
         panels[2].set_ylabel("energy to the\nhand, mJ")
         _draw_timing(panels[3], table)
         _draw_state(panels[4], table)
+        mark_few(figure.axes)
         panels[4].set_xlabel("time, s")
         panels[4].margins(x=0.01)
         figure.align_ylabels()
-        figure.suptitle(title, fontsize=11, fontweight="bold")
+        figure.suptitle(plain(title), fontsize=11, fontweight="bold")
     return figure
 
 

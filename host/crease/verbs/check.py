@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from crease.base.errors import CreaseError, MeshError
 from crease.base.table import check_suffix, check_target
-from crease.base.units import METRES, format_coordinates, format_length, format_place
+from crease.base.units import format_coordinates, format_length, format_place, unit_name
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> None:
 def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
     """The findings for a person."""
     report = one.report()
-    name = next((n for n, metres in METRES.items() if metres == one.unit_m), "units")
+    name = unit_name(one.unit_m)
     sides = [side / one.unit_m for side in report["size_m"]]
     span = math.hypot(*sides)
     size = " x ".join(format_coordinates(sides, span))
