@@ -180,6 +180,22 @@ def test_operator_path_is_read_row_by_period(tmp_path: Path) -> None:
     assert np.isfinite(rows).all()
 
 
+@pytest.mark.parametrize(
+    ("row", "reason"),
+    [
+        ("0.01,0,nan,0,0", "y_m is nan, not a finite number"),
+        ("0.01,0,0,0,inf", "yaw_rad is inf, not a finite number"),
+        ("0.01,0,0,0,a", "yaw_rad is 'a', not a number"),
+        ("0,0,0.6,0,0", "time does not increase: 0 s after 0 s"),
+    ],
+)
+def test_a_bad_row_of_an_operator_path_is_named(tmp_path: Path, row: str, reason: str) -> None:
+    path = tmp_path / "operator.csv"
+    path.write_text(f"t_s,x_m,y_m,z_m,yaw_rad\n0,0,0.6,0,0\n{row}\n", encoding="utf-8")
+    said = crease("sim", "-i", "virtual", "-c", "no", "--operator", path, "--seconds", "0.01")
+    assert (said.status, said.err) == (1, f"error: {path}:3: {reason}\n")
+
+
 def test_fault_text_says_all_that_a_row_can() -> None:
     fault = parse_fault("delay:tick=100,ticks=3,axis=Z,id=0x181,to=drives,value=2")
     assert (fault.kind, fault.tick, fault.ticks, fault.axis) == ("delay", 100, 3, 2)

@@ -45,6 +45,48 @@ def test_columns_go_by_name(tmp_path: Path) -> None:
     assert path.rows[0] == pytest.approx([0.5, 0.1, 0.2, 0.3, 1, 0, 0, 0])
 
 
+def test_a_column_of_text_that_nobody_needs_does_not_matter(tmp_path: Path) -> None:
+    rows = ["0,a,0,0,0,1,0,0,0,", f"0.001,,0.1,0,0,1,0,0,0,{'b' * 300}"]
+    header = f"t_s,note,{HEADER.removeprefix('t_s,')},more"
+    path = load_trajectory(write(tmp_path, *rows, header=header))
+    assert path.rows[1] == pytest.approx([0.001, 0.1, 0, 0, 1, 0, 0, 0])
+    with pytest.raises(TrajectoryError, match=r"path\.csv:3: y_m is 'b', not a number"):
+        load_trajectory(
+            write(tmp_path, "0,a,0,0,0,1,0,0,0,", "0.001,,0,b,0,1,0,0,0,", header=header)
+        )
+    with pytest.raises(TrajectoryError, match=r"path\.csv:3: 9 columns where the header has 10"):
+        load_trajectory(
+            write(tmp_path, "0,a,0,0,0,1,0,0,0,", "0.001,,0,0,0,1,0,0,0", header=header)
+        )
+
+
+def test_quotes_round_names_and_numbers_are_read(tmp_path: Path) -> None:
+    def quoted(line: str) -> str:
+        return ",".join(f'"{cell}"' for cell in line.split(","))
+
+    path = write(tmp_path, quoted("0,0.1,0,0,1,0,0,0"), GOOD, header=quoted(HEADER))
+    assert np.array_equal(load_trajectory(path).rows[:, :2], [[0, 0.1], [0.001, 0]])
+    with pytest.raises(TrajectoryError, match=r"path\.csv:2: x_m is 'a', not a number"):
+        load_trajectory(write(tmp_path, quoted("0,a,0,0,1,0,0,0"), header=quoted(HEADER)))
+
+
+@pytest.mark.parametrize(("between", "name"), [(";", "semicolons"), ("\t", "tabs")])
+def test_another_separator_is_named(tmp_path: Path, between: str, name: str) -> None:
+    path = write(tmp_path, GOOD.replace(",", between), header=HEADER.replace(",", between))
+    with pytest.raises(TrajectoryError, match=f"the columns are separated by {name}; .* commas"):
+        load_trajectory(path)
+
+
+def test_bytes_that_a_terminal_obeys_are_not_repeated(tmp_path: Path) -> None:
+    path = write(tmp_path, "0,\0\x1b[2J,0,0,1,0,0,0")
+    with pytest.raises(TrajectoryError) as caught:
+        load_trajectory(path)
+    assert str(caught.value) == rf"{path}:2: x_m is '\x00\x1b[2J', not a number"
+    path.write_bytes(f"{HEADER}\n{GOOD}\n".encode("utf-16"))
+    with pytest.raises(TrajectoryError, match=r"path\.csv: is no text in UTF-8; save it as CSV"):
+        load_trajectory(path)
+
+
 def test_one_row_is_a_path(tmp_path: Path) -> None:
     path = load_trajectory(write(tmp_path, GOOD))
     assert path.first_period_s == pytest.approx(1e-3)
@@ -138,8 +180,9 @@ def test_npz_holds_the_same_path(tmp_path: Path) -> None:
     ("change", "reason"),
     [
         ({"qz": None}, "no array qz"),
-        ({"x_m": np.zeros(3)}, "not of one length"),
-        ({"x_m": np.zeros((2, 2))}, "not of one length"),
+        ({"x_m": np.zeros(3)}, "not of one length, t_s has 2 and x_m 3"),
+        ({"x_m": np.zeros((2, 1))}, r"array x_m has the shape \(2, 1\); give it the shape \(2,\)"),
+        ({"x_m": np.zeros(2, complex)}, "array x_m holds complex numbers"),
         ({"x_m": np.array(["a", "b"])}, "x_m does not hold numbers"),
         ({"t_s": np.array([1.0, 0.5])}, "row 1: time does not increase"),
         (dict.fromkeys(COLUMNS, np.zeros(0)), "has no rows"),

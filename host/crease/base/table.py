@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import fcntl
 import os
 import tempfile
@@ -25,7 +26,10 @@ _ROWS_PER_BLOCK = 4096
 
 _NAMED_MAX = 8
 """Columns that a message names."""
-
+_CELL_MAX = 40
+"""Letters of a cell that a message repeats."""
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+"""What others write between columns."""
 
 NPZ_BYTES_MAX = 2 << 30
 """Arrays of an NPZ file, unpacked: two hours of ticks. A small file can unpack to any size."""
@@ -224,10 +228,25 @@ def read_header(path: Path) -> tuple[list[str], int]:
         with path.open(encoding="utf-8-sig") as file:
             for number, line in enumerate(file, start=1):
                 if line.strip():
-                    return [name.strip() for name in line.split(",")], number
-    except (OSError, UnicodeDecodeError) as error:
+                    return [name.strip() for name in _cells(line)], number
+    except UnicodeDecodeError as error:
+        raise TableError(f"{path}: is no text in UTF-8; save it as CSV in UTF-8") from error
+    except OSError as error:
         raise TableError(f"{path}: cannot be read: {describe(error)}") from error
     raise TableError(f"{path}: is empty; it must begin with a line of column names")
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a line of CSV, without the quotes round them."""
+    try:
+        return next(csv.reader([line.rstrip("\r\n")], skipinitialspace=True), [])
+    except csv.Error:  # a cell without end
+        return line.split(",")
+
+
+def _shown(cell: str) -> str:
+    """A cell for a message: its first letters, without what a terminal would obey."""
+    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in cell.strip()[:_CELL_MAX])
 
 
 def data_lines(path: Path, skip: int) -> list[tuple[int, str]]:
@@ -240,18 +259,24 @@ def data_lines(path: Path, skip: int) -> list[tuple[int, str]]:
         ]
 
 
-def _bad_line(path: Path, skip: int, names: list[str]) -> str:
-    """Where and why a CSV file does not parse: `file:line: reason`."""
+def _bad_line(
+    path: Path, skip: int, names: list[str], texts: Sequence[int] = ()
+) -> tuple[str, int | None]:
+    """Where and why a CSV file does not parse, `file:line: reason`, and in which column if it is in one.
+
+    texts: columns that may hold anything.
+    """
     for number, line in data_lines(path, skip):
-        cells = line.rstrip("\r\n").split(",")
+        cells = _cells(line)
         if len(cells) != len(names):
-            return f"{path}:{number}: {len(cells)} columns where the header has {len(names)}"
-        for name, cell in zip(names, cells, strict=True):
+            return f"{path}:{number}: {len(cells)} columns where the header has {len(names)}", None
+        for column in (i for i in range(len(names)) if i not in texts):
             try:
-                float(cell)
+                float(cells[column])
             except ValueError:
-                return f"{path}:{number}: {name} is '{cell.strip()[:40]}', not a number"
-    return f"{path}: cannot be read as CSV"
+                what = f"{_shown(names[column])} is '{_shown(cells[column])}', not a number"
+                return f"{path}:{number}: {what}", column
+    return f"{path}: cannot be read as CSV", None
 
 
 def _some(names: list[str]) -> str:
@@ -272,28 +297,45 @@ def _header_hint(names: list[str], wanted: tuple[str, ...]) -> str:
 def read_csv(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
     """Columns of a CSV file with a header, as float64 by name.
 
-    `wanted` must be there; further columns come along.
+    `wanted` must be there; further columns come along, those of text are left out. Without `wanted` none may be text.
     Errors: TableError with file, line and reason.
     """
     names, skip = read_header(path)
+    if len(names) == 1 and (between := next((s for s in _SEPARATORS if s in names[0]), "")):
+        raise TableError(
+            f"{path}:{skip}: the columns are separated by {_SEPARATORS[between]}; separate them by commas, and write "
+            "numbers with points"
+        )
     if missing := [name for name in wanted if name not in names]:
         raise TableError(
             f"{path}:{skip}: no column {_some(missing)}; {_header_hint(names, wanted)}"
         )
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise TableError(f"{path}:{skip}: column {', '.join(twice)} stands twice; keep one")
-    try:
-        values = _parse_rows(path, skip)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise TableError(_bad_line(path, skip, names)) from error
+        raise TableError(f"{path}:{skip}: column {_shown(', '.join(twice))} stands twice; keep one")
+    values, texts = _parse_numbers(path, skip, names, wanted)
     if values.size == 0:
         raise TableError(f"{path}: has a header but no rows; give at least one")
     if values.shape[1] != len(names):
-        raise TableError(_bad_line(path, skip, names))
-    return {name: values[:, i] for i, name in enumerate(names)}
+        raise TableError(_bad_line(path, skip, names, texts)[0])
+    return {name: values[:, i] for i, name in enumerate(names) if i not in texts}
 
 
-def _parse_rows(path: Path, skip: int) -> npt.NDArray[np.float64]:
+def _parse_numbers(
+    path: Path, skip: int, names: list[str], wanted: tuple[str, ...]
+) -> tuple[npt.NDArray[np.float64], list[int]]:
+    """All rows, and which columns hold text: of these no numbers come.   Errors: TableError."""
+    texts: list[int] = []
+    while True:
+        try:
+            return _parse_rows(path, skip, texts), texts
+        except (OSError, UnicodeDecodeError, ValueError) as error:
+            reason, column = _bad_line(path, skip, names, texts)
+            if column is None or not wanted or names[column] in wanted:
+                raise TableError(reason) from error
+            texts.append(column)
+
+
+def _parse_rows(path: Path, skip: int, texts: Sequence[int]) -> npt.NDArray[np.float64]:
     import warnings
 
     with warnings.catch_warnings():
@@ -301,9 +343,42 @@ def _parse_rows(path: Path, skip: int) -> npt.NDArray[np.float64]:
             "ignore", UserWarning
         )  # "input contained no data": reported by the caller
         values: npt.NDArray[np.float64] = np.loadtxt(
-            path, delimiter=",", skiprows=skip, comments=None, ndmin=2, encoding="utf-8-sig"
+            path,
+            delimiter=",",
+            skiprows=skip,
+            comments=None,
+            quotechar='"',
+            ndmin=2,
+            encoding="utf-8-sig",
+            converters={column: lambda _: np.nan for column in texts},
         )
     return values
+
+
+def check_columns(path: Path, columns: Mapping[str, Column]) -> None:
+    """Errors: TableError for arrays that are not one real number a tick."""
+    lengths: dict[int, str] = {}
+    for name, column in columns.items():
+        if np.iscomplexobj(column):
+            raise TableError(f"{path}: array {name} holds complex numbers; give real ones")
+        if np.ndim(column) != 1:
+            raise TableError(
+                f"{path}: array {name} has the shape {np.shape(column)}; give it the shape ({np.size(column)},), one "
+                "number a tick"
+            )
+        lengths.setdefault(len(column), name)
+    if len(lengths) > 1:
+        (one, first), (two, second) = list(lengths.items())[:2]
+        raise TableError(
+            f"{path}: the arrays are not of one length, {first} has {one:,} and {second} {two:,}; each needs one "
+            "number a tick"
+        )
+
+
+def column_names(path: Path) -> list[str]:
+    """Names of the columns of a CSV or NPZ file.   Errors: TableError."""
+    csv_file = path.exists() and path.suffix.lower() == ".csv"
+    return read_header(path)[0] if csv_file else list(read_table(path))
 
 
 def read_table(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
@@ -321,4 +396,5 @@ def read_table(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
         raise TableError(
             f"{path}: no array {_some(missing)}; it must have {','.join(wanted[:_NAMED_MAX])}"
         )
+    check_columns(path, {name: columns[name] for name in wanted})
     return columns

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from crease.base.errors import CreaseError, SceneError, TableError
 from crease.base.scene import Scene
-from crease.base.table import Column, read_table, write_atomic, write_table
+from crease.base.table import Column, check_columns, read_table, write_atomic, write_table
 from crease.base.version import VERSION
 from crease.replay.cdr import MESSAGES, Message, definition
 from crease.replay.clouds import contact_topics, options_of_recording, path_of_recording
@@ -64,9 +64,9 @@ def load(path: Path) -> tuple[Columns, Recording | None]:
         raise TableError(
             f"{path}: has no column t_s; give a table of `crease replay` or a recording"
         )
-    lengths = {np.shape(column) for column in columns.values()}
-    if len(lengths) != 1 or len(next(iter(lengths))) != 1 or len(columns["t_s"]) == 0:
-        raise TableError(f"{path}: the columns are not of one length; each needs one number a tick")
+    check_columns(path, columns)
+    if len(columns["t_s"]) == 0:
+        raise TableError(f"{path}: has no rows; give at least one")
     return columns, None
 
 

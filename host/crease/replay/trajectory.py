@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,7 +91,7 @@ def _find_fault(rows: npt.NDArray[np.float64]) -> tuple[int, str] | None:
     return min(faults, key=lambda fault: fault[0]) if faults else None
 
 
-def _place(path: Path, row: int) -> str:
+def place_of_row(path: Path, row: int) -> str:
     """`file:line` of a data row of a CSV file, `file: row` of an NPZ file."""
     if path.suffix.lower() != ".csv":
         return f"{path}: row {row}"
@@ -98,18 +99,16 @@ def _place(path: Path, row: int) -> str:
     return f"{path}:{data_lines(path, skip)[row][0]}"
 
 
-def _stack(path: Path, columns: dict[str, Column]) -> npt.NDArray[np.float64]:
-    """The columns of a path side by side, (n, 8)."""
+def stack_columns(
+    path: Path, columns: dict[str, Column], names: Sequence[str] = COLUMNS
+) -> npt.NDArray[np.float64]:
+    """The columns of a path side by side, (n, 8) or (n, names).   Errors: TrajectoryError."""
     arrays = []
-    for name in COLUMNS:
+    for name in names:
         try:
             arrays.append(np.asarray(columns[name], dtype=np.float64))
         except (TypeError, ValueError) as error:
             raise TrajectoryError(f"{path}: array {name} does not hold numbers") from error
-    if any(a.ndim != 1 or len(a) != len(arrays[0]) for a in arrays):
-        raise TrajectoryError(
-            f"{path}: the arrays are not of one length; each needs one number a tick"
-        )
     if len(arrays[0]) == 0:
         raise TrajectoryError(f"{path}: has no rows; give at least one")
     return np.ascontiguousarray(np.stack(arrays, axis=1))
@@ -136,11 +135,11 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """
     path = Path(path)
     try:
-        rows = _stack(path, read_table(path, COLUMNS))
+        rows = stack_columns(path, read_table(path, COLUMNS))
     except TrajectoryError:
         raise
     except CreaseError as error:
         raise TrajectoryError(str(error)) from error
     if (fault := _find_fault(rows)) is not None:
-        raise TrajectoryError(f"{_place(path, fault[0])}: {fault[1]}")
+        raise TrajectoryError(f"{place_of_row(path, fault[0])}: {fault[1]}")
     return check_rows(rows, str(path))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crease.base.errors import CreaseError
-from crease.base.table import check_suffix, check_target, read_table, write_atomic
+from crease.base.table import check_suffix, check_target, column_names, read_table, write_atomic
 from crease.replay.recording import cut_warning, is_recording, load_recording
 from crease.replay.replay import ANSWER_COLUMNS
 from crease.verbs.common import SubParsers, add_force, warn
@@ -58,7 +58,7 @@ def _is_loop(path: Path) -> bool:
     """A recording, or a table that `crease hil` wrote."""
     if is_recording(path):
         return True
-    return path.is_file() and set(LOOP_COLUMNS) <= set(read_table(path))
+    return path.is_file() and set(LOOP_COLUMNS) <= set(column_names(path))
 
 
 def _draw_run(path: Path, title: str | None) -> Figure:

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from crease.base.errors import BusError
-from crease.base.table import describe, read_table
+from crease.base.table import column_names, describe, read_table
 from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params, WristParams
+from crease.replay.trajectory import place_of_row, stack_columns
 from crease.verbs.common import SubParsers, add_json, number, print_either
 
 PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")
@@ -114,15 +115,29 @@ def load_params(path: Path | None) -> Params:
 
 
 def load_path(path: Path | None, period_s: float) -> F64 | None:
-    """Targets of the operator, one row a period: tip m, wrist rad; shape (n, 6).   Errors: TableError, BusError."""
+    """Targets of the operator, one row a period: tip m, wrist rad; shape (n, 6).
+
+    Errors: TableError, TrajectoryError, BusError with file and line.
+    """
     if path is None:
         return None
-    columns = read_table(path, PATH_COLUMNS)
-    times = columns["t_s"]
-    if not all(np.isfinite(column).all() for column in columns.values()):
-        raise BusError(f"{path}: has a number that is not finite")
-    if (np.diff(times) <= 0.0).any():
-        raise BusError(f"{path}: t_s must grow from row to row")
+    known = column_names(path)
+    given = (*PATH_COLUMNS, *(name for name in WRIST_COLUMNS if name in known))
+    columns = read_table(path, given)
+    rows = stack_columns(path, columns, given)
+    times = rows[:, 0]
+    finite = np.isfinite(rows)
+    if not finite.all():
+        row = int(np.argmin(finite.all(axis=1)))
+        name = given[int(np.argmin(finite[row]))]
+        raise BusError(
+            f"{place_of_row(path, row)}: {name} is {columns[name][row]}, not a finite number"
+        )
+    if (shrinks := np.diff(times) <= 0.0).any():
+        row = int(np.argmax(shrinks)) + 1
+        raise BusError(
+            f"{place_of_row(path, row)}: time does not increase: {times[row]:.9g} s after {times[row - 1]:.9g} s"
+        )
     ticks = np.arange(times[0], times[-1] + 0.5 * period_s, period_s)
     zero = np.zeros(len(times))
     names = (*PATH_COLUMNS[1:], *WRIST_COLUMNS)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from crease.base.errors import CreaseError
 from crease.base.native import RESPONSES
 from crease.base.scene import Scene, open_scene
-from crease.base.table import check_suffix, check_target, read_table, write_bytes
+from crease.base.table import check_suffix, check_target, column_names, read_table, write_bytes
 from crease.replay.replay import DEFAULT_RESPONSE
 from crease.verbs.common import (
     SubParsers,
@@ -118,12 +118,12 @@ def run(args: argparse.Namespace) -> None:
 def _replay(scene: Scene, name: str, path: Path) -> Replay:
     """A table as it is; a path, which has no answers yet, with those of the default settings."""
     from crease.draw.view import Replay
-    from crease.replay.replay import REPEAT, run_path, to_columns
+    from crease.replay.replay import ANSWER_COLUMNS, REPEAT, run_path, to_columns
     from crease.replay.trajectory import COLUMNS, load_trajectory
 
-    table = read_table(path)
-    if set(table) != set(COLUMNS):
-        return Replay(name, table)
+    names = set(column_names(path))
+    if not names >= set(COLUMNS) or names & set(ANSWER_COLUMNS[1:]):
+        return Replay(name, read_table(path))
     rows = load_trajectory(path)
     answers = run_path(scene, rows, repeat=REPEAT)
     return Replay(name, to_columns(rows, answers, REPEAT), preview=True)
