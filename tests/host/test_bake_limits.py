@@ -68,6 +68,21 @@ def test_a_length_larger_than_what_it_divides_is_refused_at_once(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_sheet_thicker_than_the_mesh_is_large_is_refused(
+    tmp_path: Path, ball_stl: Path, crease: Run
+) -> None:
+    sheet = tmp_path / "sheet.stl"
+    square = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]
+    trimesh.Trimesh(square, [[0, 1, 2], [0, 2, 3]]).export(sheet)
+    line = [*bake_args(tmp_path, sheet, ball_stl)[:-1], "m", "--tool-unit", "mm", "--sheet", "1"]
+    said = crease(*line)
+    assert said.status == 1
+    assert said.err == (
+        f"error: {sheet}: --sheet 1m is larger than the mesh (100 mm): use a smaller one\n"
+    )
+    assert list(tmp_path.iterdir()) == [sheet]
+
+
 @pytest.mark.parametrize("option", [("--spacing", "2mm"), ("--spacing", "9mm")])
 def test_memory_that_no_bake_fits_into_is_not_laid_on_the_spacing(
     tmp_path: Path,
@@ -131,6 +146,7 @@ def test_a_tolerance_that_is_missed_is_said_and_strictly_refused(
     strict = crease(*args, "--tolerance", "1nm", "--strict", "--force")
     assert strict.status == 1
     assert "--strict" in strict.err
+    assert strict.err.count("more than the tolerance of") == 1
     reached = crease(*args, "--tolerance", "1mm", "--force", "--json")
     assert reached.json["bake"]["error_max_m"] <= 1e-3
     assert not any("tolerance" in w for w in reached.json["warnings"])

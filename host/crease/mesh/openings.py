@@ -72,7 +72,19 @@ def close_openings(draft: Draft) -> None:
     pieces = _Pieces(draft)
     if pieces.sheets.any() and draft.wishes.sheet_m is None:
         pieces.leave_out_sheets()
+    if pieces.sheets.any():
+        _check_thickness(draft)
     pieces.close()
+
+
+def _check_thickness(draft: Draft) -> None:
+    """Errors: MeshError for sheets that would be thicker than the surface is large."""
+    sheet_m = draft.wishes.sheet_m or 0.0
+    span_m = float(np.ptp(draft.vertices[draft.triangles.reshape(-1)], axis=0).max())
+    if sheet_m > span_m:
+        raise MeshError(
+            f"{setting('sheet_m', sheet_m)} is larger than the mesh ({format_length(span_m)}): use a smaller one"
+        )
 
 
 def _sew_wider(draft: Draft) -> None:

@@ -129,9 +129,10 @@ def run(args: argparse.Namespace) -> None:
             warnings = [*static.warnings, *tool.warnings]
             warn(warnings)
             result = bake_scene(static, tool, bake_options(args), work)
-        warn(result.warnings)
         if args.strict and result.warnings:
+            warn(result.warnings[1:])
             raise MeshError(f"{result.warnings[0]}; --strict refuses that")
+        warn(result.warnings)
         data = {bodies: pack_bodies(static, tool), args.output: result.image}
         write_together({path: bytes_writer(part) for path, part in data.items()})
     report = {
