@@ -104,6 +104,18 @@ def test_bus_counts_what_is_missing_or_malformed(tmp_path: Path) -> None:
     assert "answers missed" in crease("bus", "--read", path).out
 
 
+def test_exported_files_that_exist_are_replaced_with_force_only(tmp_path: Path) -> None:
+    assert crease("bus", "--export", tmp_path).status == 0
+    mine = tmp_path / "crease_y.eds"
+    mine.write_text("mine")
+    said = crease("bus", "--export", tmp_path)
+    assert said.status == 1
+    assert said.err.endswith("exists already; give --force to replace it\n")
+    assert mine.read_text() == "mine"
+    assert crease("bus", "--export", tmp_path, "--force").status == 0
+    assert mine.read_text() != "mine"
+
+
 @pytest.mark.slow
 def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
     assert crease("bus", "--export", tmp_path / "out").status == 0
@@ -140,8 +152,12 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
         (["bus", "-i", "nothing", "-c", "x"], "cannot be opened"),
         (["bus", "-i", "virtual", "-c", "x", "-o", "/tmp/a.trc"], "other formats lose frames"),
         (["bus", "--read", "/nowhere.log"], "there is no such file"),
+        (["bus", "--read", "a.log", "-o", "b.log"], "-o is of a bus that is watched; leave it out with --read"),
+        (["bus", "--schedule", "--seconds", "1"], "--seconds is of a bus that is watched"),
+        (["bus", "--export", "no", "-c", "vcan0"], "-c is of a bus that is watched"),
+        (["bus", "--schedule", "--read", "a.log"], "--schedule and --read: give one of them"),
     ],
-)
+)  # fmt: skip
 def test_wrong_words_get_one_clear_line(args: list[str], text: str) -> None:
     said = crease(*args)
     assert said.status == 1

@@ -130,3 +130,23 @@ def test_the_command_ties_the_springs_where_it_is_told(
     assert "--centre is of a held tool; give --couple too" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main([*line, "-o", str(tmp_path / "o.csv"), "--centre", "1,2"])
+
+
+def test_springs_tied_far_from_the_tool_are_suspected_to_be_in_mm(
+    scene_crs: Path, press_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["replay", str(scene_crs), str(press_csv), "--repeat", "1", "--couple", "--force"]
+    for centre, warned in (("0,0,40", True), ("0,0,40mm", False)):
+        assert main([*line, "-o", str(tmp_path / "out.csv"), "--centre", centre]) == 0
+        said = capsys.readouterr().err
+        assert ("--centre ties the springs 40 m away from a tool of" in said) == warned
+        assert ("write lengths like 40mm" in said) == warned
+
+
+def test_a_held_tool_has_no_coverage(
+    scene_crs: Path, press_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["replay", str(scene_crs), str(press_csv), "-o", str(tmp_path / "out.csv")]
+    assert main([*line, "--couple", "--coverage", "hard"]) == 1
+    said = capsys.readouterr().err
+    assert said == "error: coverage hard: a held tool has none; leave it out\n"

@@ -348,6 +348,35 @@ def test_bake_does_not_replace_meshes_unasked(
     assert meshes_path(image).read_bytes() == b"mine"
 
 
+def test_options_of_the_loop_that_runs_are_refused_without_it(
+    tmp_path: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    line = ["view", scene_crs, press_csv, "-o", tmp_path / "page.html"]
+    for option in (
+        ["--stiffness", "500"],
+        ["--response", "extent"],
+        ["--port", "8000"],
+        ["--seconds", "1"],
+        ["--no-open"],
+    ):
+        said = crease(*line, *option)
+        assert (said.status, said.err) == (
+            1,
+            f"error: {option[0]} is of the loop while it runs; give --live too\n",
+        )
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_path_with_a_column_of_text_is_a_path(
+    tmp_path: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    head, *rows = press_csv.read_text().splitlines()
+    path = tmp_path / "noted.csv"
+    path.write_text("\n".join([f"{head},note", *(f"{row},a" for row in rows)]))
+    said = crease("view", scene_crs, path, "-o", tmp_path / "page.html")
+    assert said.status == 0, said.err
+
+
 def test_free_path_makes_a_page(folder: Path, scene_crs: Path, crease: Run) -> None:
     path = write_path(folder / "free.csv", np.tile([0.0, 0.0, 0.05], (1, 1)))
     out, page = folder / "free_out.csv", folder / "free.html"

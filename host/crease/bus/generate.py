@@ -11,6 +11,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from crease.base.errors import BusError
+from crease.base.table import bytes_writer, check_target, write_together
 from crease.bus.dictionary import load
 from crease.bus.eds import to_eds
 from crease.bus.header import to_c_header, to_markdown
@@ -36,8 +38,11 @@ def committed() -> dict[Path, str]:
     }
 
 
-def export(folder: Path) -> list[Path]:
-    """Write the EDS of every axis and the DBC into `folder`; gives the files."""
+def export(folder: Path, force: bool = False) -> list[Path]:
+    """Write the EDS of every axis and the DBC into `folder`, all or none; gives the files.
+
+    Errors: CreaseError when one exists and `force` is not given, or the disk refuses.
+    """
     from crease.bus.dbc import to_dbc
 
     dictionary = load()
@@ -45,9 +50,15 @@ def export(folder: Path) -> list[Path]:
         f"crease_{axis.name.lower()}.eds": to_eds(dictionary, axis) for axis in dictionary.axes
     }
     files["crease.dbc"] = to_dbc(dictionary)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="ascii")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BusError(f"{folder}: cannot be made: {error.strerror}") from error
+    for name in files:
+        check_target(folder / name, force)
+    write_together(
+        {folder / name: bytes_writer(text.encode("ascii")) for name, text in files.items()}
+    )
     return [folder / name for name in files]
 
 

@@ -89,6 +89,8 @@ def make_config(options: ReplayOptions) -> Any:
         options.coverage != "soft" or options.vertices_only
     ):
         what = "vertices_only" if options.vertices_only else f"coverage {options.coverage}"
+        if options.couple is not None:
+            raise SceneError(f"{what}: a held tool has none; leave it out")
         raise SceneError(
             f"{what}: {DEFAULT_RESPONSE} weighs every sample by its depth; use response extent, the method as published"
         )

@@ -60,8 +60,31 @@ def add_parser(sub: SubParsers) -> None:
     parser.set_defaults(run=run)
 
 
+_WATCHED = (
+    ("-i", "interface"),
+    ("-c", "channel"),
+    ("-b", "bitrate"),
+    ("-o", "log"),
+    ("--seconds", "seconds"),
+)
+"""Options of a bus that is watched."""
+
+
+def _check_alone(args: argparse.Namespace) -> None:
+    """Errors: BusError for options that do not go together."""
+    asked = [name for name in ("export", "schedule", "read") if getattr(args, name)]
+    if len(asked) > 1:
+        raise BusError(f"{' and '.join(f'--{name}' for name in asked)}: give one of them")
+    for option, name in _WATCHED if asked else ():
+        if getattr(args, name) is not None:
+            raise BusError(f"{option} is of a bus that is watched; leave it out with --{asked[0]}")
+
+
 def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError for a bus that cannot be opened, or a log that cannot be read or written."""
+    """Errors: CreaseError for a bus that cannot be opened, a log that cannot be read or written, options that do not
+    go together.
+    """
+    _check_alone(args)
     if args.export is not None:
         _export(args)
     elif args.schedule:
@@ -75,10 +98,7 @@ def run(args: argparse.Namespace) -> None:
 def _export(args: argparse.Namespace) -> None:
     from crease.bus.generate import export
 
-    try:
-        files = export(args.export)
-    except OSError as error:
-        raise BusError(f"{args.export}: cannot be written: {error.strerror}") from error
+    files = export(args.export, args.force)
     if args.json:
         print_json({"files": [str(path) for path in files]})
     else:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from crease.base.errors import CreaseError, UnitError
-from crease.base.units import parse_length, parse_place, parse_size, parse_unit
+from crease.base.units import format_length, parse_length, parse_place, parse_size, parse_unit
 
 if TYPE_CHECKING:
+    from crease.base.scene import Scene
     from crease.replay.replay import CoupleOptions
 
 SubParsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
@@ -116,14 +117,18 @@ def metres(option: Callable[[float], float] | None, bare_m: float) -> float | No
     return option(bare_m) if option else None
 
 
+STIFFNESS = 1000.0
+"""Of the contact, N/m, when it is not given."""
+
+
 def add_stiffness(parser: argparse._ActionsContainer) -> None:
     """--stiffness: of the contact."""
     parser.add_argument(
         "--stiffness",
         metavar="N/m",
         type=number(0.0, 1e6),
-        default=1000.0,
-        help="0 to 1e6 (default: 1000)",
+        default=STIFFNESS,
+        help=f"0 to 1e6 (default: {STIFFNESS:g})",
     )
 
 
@@ -173,6 +178,25 @@ def couple_options(args: argparse.Namespace) -> CoupleOptions | None:
     for name in given:
         raise CreaseError(f"--{name.replace('_', '-')} is of a held tool; give --couple too")
     return None
+
+
+_FAR = 10.0
+"""Diagonals of the tool from its middle: nobody ties springs so far off on purpose."""
+
+
+def far_centre(scene: Scene, couple: CoupleOptions | None) -> list[str]:
+    """A warning when springs are tied far away from the tool: most likely the numbers are in mm."""
+    if couple is None:
+        return []
+    low_m, high_m = (list(box) for box in (scene.meta.tool_min_m, scene.meta.tool_max_m))
+    middle_m = [0.5 * (low + high) for low, high in zip(low_m, high_m, strict=True)]
+    away_m, size_m = math.dist(couple.centre_tool_m, middle_m), math.dist(low_m, high_m)
+    if away_m <= _FAR * size_m:
+        return []
+    return [
+        f"--centre ties the springs {format_length(away_m)} away from a tool of {format_length(size_m)}: is it in "
+        "metres? write lengths like 40mm"
+    ]
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:

@@ -22,6 +22,7 @@ from crease.verbs.common import (
     add_scene,
     add_stiffness,
     couple_options,
+    far_centre,
     number,
     print_either,
     warn,
@@ -147,6 +148,7 @@ def run(args: argparse.Namespace) -> None:
         check_target(args.table, args.force, (args.scene, args.operator))
     check_bitrate(args.bitrate)
     scene, path = open_scene(args.scene), load_trajectory(args.operator)
+    warn(far_centre(scene, couple_options(args)))
     if args.interface == "socketcan":
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != DEFAULT_RESPONSE:

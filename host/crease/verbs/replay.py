@@ -32,6 +32,7 @@ from crease.verbs.common import (
     add_scene,
     add_stiffness,
     couple_options,
+    far_centre,
     number,
     print_either,
     warn,
@@ -210,7 +211,7 @@ def run(args: argparse.Namespace) -> None:
     # The firmware scales the force to the limit: what reaches it was cut. Everything else counted is contact left out.
     cut = (rows["overflow"] > 0) & (force_N > limit_N * (1.0 - 1e-5)) & (couple is None)
     left_out = int(np.count_nonzero(rows["overflow"] > cut))
-    warnings = []
+    warnings = far_centre(scene, couple)
     if cut.any():
         warnings.append(
             f"{np.count_nonzero(cut)} of {len(path)} ticks reached the limit of the force, {limit_N:g} N"

@@ -12,6 +12,7 @@ from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, column_names, read_table, write_bytes
 from crease.replay.replay import DEFAULT_RESPONSE
 from crease.verbs.common import (
+    STIFFNESS,
     SubParsers,
     add_force,
     add_json,
@@ -77,8 +78,21 @@ def add_parser(sub: SubParsers) -> None:
     parser.set_defaults(run=run)
 
 
+_LIVE = (
+    ("--stiffness", "stiffness", STIFFNESS),
+    ("--response", "response", DEFAULT_RESPONSE),
+    ("--port", "port", 0),
+    ("--seconds", "seconds", None),
+    ("--no-open", "no_open", False),
+)
+"""Options of the loop while it runs, and what they are when they are not given."""
+
+
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for files that cannot be read or are of another scene, or a page that cannot be written."""
+    for option, name, usual in _LIVE if not args.live else ():
+        if getattr(args, name) != usual:
+            raise CreaseError(f"{option} is of the loop while it runs; give --live too")
     files = list(args.files)
     if args.scene is None:
         if files[0].suffix != ".crs":
