@@ -88,13 +88,14 @@ def test_steps_that_belong_together_are_done_before_the_end() -> None:
     assert steps == [1, 2]
 
 
-def test_work_that_ends_in_its_own_way_is_interrupted_as_ever() -> None:
-    before = signal.signal(signal.SIGINT, ending.end)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_work_that_ends_in_its_own_way_is_interrupted_as_ever(number: signal.Signals) -> None:
+    before = signal.signal(number, ending.end)
     try:
         with ending.raising(), pytest.raises(KeyboardInterrupt):
-            signal.raise_signal(signal.SIGINT)
-        assert signal.getsignal(signal.SIGINT) is ending.end
+            signal.raise_signal(number)
+        assert signal.getsignal(number) is ending.end
         ending.be_deaf()
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)

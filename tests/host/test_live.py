@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -42,10 +43,10 @@ class Live:
     address: str
     told: dict[str, Any] = field(default_factory=dict)
 
-    def end(self) -> dict[str, Any]:
-        """Ctrl-C, and what it reports."""
+    def end(self, number: int = signal.SIGINT) -> dict[str, Any]:
+        """Ctrl-C or another signal, and what it reports."""
         if not self.told:
-            self.program.send_signal(2)
+            self.program.send_signal(number)
             out, err = self.program.communicate(timeout=30)
             assert self.program.returncode == 0, err
             self.told = json.loads(out)
@@ -107,6 +108,13 @@ def place_of_tool(tab: Page) -> tuple[float, float]:
         })()"""
     )
     return x, y
+
+
+def test_the_report_comes_however_the_loop_is_told_to_end() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        running = start(SCENE)
+        time.sleep(0.3)
+        assert running.end(number)["ticks"] > 50
 
 
 @pytest.mark.slow

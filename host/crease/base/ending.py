@@ -53,10 +53,10 @@ def be_deaf() -> None:
 
 @contextmanager
 def raising() -> Iterator[None]:
-    """Within this the signals do what they do in Python: for work that an interrupt ends in its own way."""
+    """Within this the signals raise KeyboardInterrupt: for work that an interrupt ends in its own way."""
     heard = [number for number in SIGNALS if signal.getsignal(number) is end]
     for number in heard:
-        signal.signal(number, SIGNALS[number])
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import signal
 import sys
 import webbrowser
 from pathlib import Path
@@ -17,7 +18,7 @@ from crease.verbs.common import print_either
 
 
 def run(args: argparse.Namespace, files: list[Path]) -> None:
-    """Serve until Ctrl-C, or for --seconds; then say what the loop did.
+    """Serve until Ctrl-C or SIGTERM, or for --seconds; then say what the loop did.
 
     Errors: CreaseError for a scene without meshes, a path out of reach, a missing package, a port that is taken.
     """
@@ -48,9 +49,15 @@ def run(args: argparse.Namespace, files: list[Path]) -> None:
         if not args.no_open and sys.stdout.isatty():
             webbrowser.open(address)
 
+    async def serve() -> None:
+        told, task = signal.SIGTERM, asyncio.current_task()
+        if task is not None and signal.getsignal(told) is signal.default_int_handler:
+            asyncio.get_running_loop().add_signal_handler(told, task.cancel)
+        await server.serve(ready, args.seconds)
+
     try:
-        with raising(), contextlib.suppress(KeyboardInterrupt):
-            asyncio.run(server.serve(ready, args.seconds))
+        with raising(), contextlib.suppress(KeyboardInterrupt, asyncio.CancelledError):
+            asyncio.run(serve())
     finally:
         session.stop()
     counts = session.counts
