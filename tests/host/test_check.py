@@ -58,6 +58,36 @@ def test_what_is_wrong_is_counted_with_places_in_the_unit_of_the_file(
     assert any("closed 1 hole" in line or "closed 1 opening" in line for line in found["bake"])
 
 
+def test_turned_triangles_are_told_and_not_called_open(
+    tmp_path: Path, plate: Path, crease: Run
+) -> None:
+    box = trimesh.creation.box(extents=[100, 60, 2])
+    faces = np.array(box.faces)
+    faces[3] = faces[3, ::-1]
+    turned, opened = tmp_path / "turned.stl", tmp_path / "opened.stl"
+    trimesh.Trimesh(box.vertices, faces, process=False).export(turned)
+    trimesh.Trimesh(box.vertices, faces[:-1], process=False).export(opened)
+    said = crease("check", turned, opened, plate, "--unit", "mm")
+    assert said.status == 0, said.err
+    closed = [line for line in said.out.splitlines() if line.startswith("closed")]
+    what = "3 edges with two triangles that run the same way, near ("
+    assert f"  yes, but {what}" in closed[0]
+    assert "  no: 3 open edges, 0 with" in closed[1]
+    assert f"; {what}" in closed[1]
+    assert closed[2].endswith("  yes")
+    one, two, _ = crease("check", turned, opened, plate, "--unit", "mm", "--json").json["meshes"]
+    assert (one["closed"], one["open_edges"], one["turned_edges"]) == (True, 0, 3)
+    assert (two["closed"], two["open_edges"], two["turned_edges"]) == (False, 3, 3)
+
+
+def test_a_mesh_without_a_sharp_edge_says_so(tmp_path: Path, crease: Run) -> None:
+    trimesh.creation.icosphere(3, radius=20.0).export(tmp_path / "ball.stl")
+    line = ["check", tmp_path / "ball.stl", "--unit", "mm", "--crease-angle", "25"]
+    assert "sharpest edge  none over 25 deg\n" in crease(*line).out
+    (one,) = crease(*line, "--json").json["meshes"]
+    assert (one["sharpest_edge_deg"], one["sharpest_edge_at"]) == (None, None)
+
+
 def test_a_mesh_that_would_be_refused_is_told_after_the_others(
     tmp_path: Path, plate: Path, crease: Run
 ) -> None:

@@ -35,6 +35,8 @@ class Findings:
     vertices_m: F64
     triangles: npt.NDArray[np.int32]
     open_edges_m: F64
+    turned_edges_m: F64
+    """Edges (n, 2, 3) whose two triangles run the same way: one of them is turned."""
     branched_edges: int
     crossings_m: F64
     mesh: Mesh | None
@@ -44,7 +46,9 @@ class Findings:
     area_m2: float = 0.0
     wall_m: float = math.inf
     wall_at_m: F64 = field(default_factory=lambda: np.zeros((0, 3)))
-    sharpest_rad: float = 0.0
+    crease_angle_deg: float = 30.0
+    sharpest_rad: float | None = None
+    """None: no edge is over the crease angle."""
     sharpest_at_m: F64 = field(default_factory=lambda: np.zeros((0, 3)))
     creases: tuple[int, int] = (0, 0)
     noise: tuple[str, ...] = ()
@@ -59,6 +63,8 @@ class Findings:
             "open_edges": len(self.open_edges_m),
             "open_at": self._place(self.open_edges_m.mean(axis=1)),
             "branched_edges": self.branched_edges,
+            "turned_edges": len(self.turned_edges_m),
+            "turned_at": self._place(self.turned_edges_m.mean(axis=1)),
             "crossings": len(self.crossings_m),
             "crossing_at": self._place(self.crossings_m),
             "shells": self.shells,
@@ -66,7 +72,9 @@ class Findings:
             "area_m2": self.area_m2,
             "thinnest_wall_m": self.wall_m if math.isfinite(self.wall_m) else None,
             "thinnest_wall_at": self._place(self.wall_at_m),
-            "sharpest_edge_deg": math.degrees(self.sharpest_rad),
+            "sharpest_edge_deg": None
+            if self.sharpest_rad is None
+            else math.degrees(self.sharpest_rad),
             "sharpest_edge_at": self._place(self.sharpest_at_m),
             "convex_creases": self.creases[0],
             "concave_creases": self.creases[1],
@@ -87,7 +95,7 @@ def examine(
     first, kind = topology.weld(vertices)
     vertices, triangles = topology.compact(vertices[first], kind[corners].astype(np.int32))
     start, end = topology.directed_edges(triangles)
-    loose = topology.unbalanced_edges(triangles, len(vertices))
+    loose, turned = _loose_edges(triangles, len(vertices))
     _, branched = topology.edge_use(triangles, len(vertices))
     diagonal_m = math.hypot(*np.ptp(vertices, axis=0))
     pairs = topology.crossing_pairs(vertices, triangles, CROSSING * diagonal_m)
@@ -97,7 +105,9 @@ def examine(
         "vertices_m": vertices,
         "triangles": triangles,
         "open_edges_m": np.stack([vertices[start[loose]], vertices[end[loose]]], axis=1),
+        "turned_edges_m": np.stack([vertices[start[turned]], vertices[end[turned]]], axis=1),
         "branched_edges": branched,
+        "crease_angle_deg": crease_angle_deg,
         "crossings_m": vertices[triangles[pairs]].mean(axis=(1, 2)),
     }
     try:
@@ -105,6 +115,16 @@ def examine(
     except MeshError as error:
         return Findings(**seen, mesh=None, reason=str(error))
     return Findings(**seen, mesh=mesh, reason="", **_of_solid(mesh, crease_angle_deg))
+
+
+def _loose_edges(
+    triangles: topology.Triangles, vertex_count: int
+) -> tuple[topology.Indices, topology.Indices]:
+    """Edges (of 3 m) that are open, and those that two triangles share and run along the same way, each once."""
+    loose = topology.unbalanced_edges(triangles, vertex_count)
+    one, two = topology.paired_edges(triangles, vertex_count)
+    turned = np.isin(one, loose)
+    return np.setdiff1d(loose, np.r_[one[turned], two[turned]]), one[turned]
 
 
 def _of_solid(mesh: Mesh, crease_angle_deg: float) -> dict[str, Any]:
@@ -122,7 +142,7 @@ def _of_solid(mesh: Mesh, crease_angle_deg: float) -> dict[str, Any]:
         "area_m2": float(topology.areas_m2(mesh.vertices_m, mesh.triangles).sum()),
         "wall_m": wall_m,
         "wall_at_m": wall_at_m,
-        "sharpest_rad": float(creases.angle_rad[sharpest]) if sharpest >= 0 else 0.0,
+        "sharpest_rad": float(creases.angle_rad[sharpest]) if sharpest >= 0 else None,
         "sharpest_at_m": creases.ends_m[sharpest].mean(axis=0)[None]
         if sharpest >= 0
         else np.zeros((0, 3)),

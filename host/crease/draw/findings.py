@@ -51,6 +51,7 @@ def _draw_one(axes: Any, one: Findings) -> None:
         axes.add_collection3d(Line3DCollection(edges, colors="#d62728", linewidths=1.5))
     marks = (
         ("open", one.open_edges_m.mean(axis=1)[:1], "#d62728", "o"),
+        ("turned", one.turned_edges_m.mean(axis=1)[:MARKS_MAX], "#9467bd", "."),
         ("crossing", one.crossings_m[:MARKS_MAX], "#ff7f0e", "x"),
         ("thinnest wall", one.wall_at_m, "#1f77b4", "v"),
         ("sharpest edge", one.sharpest_at_m, "#2ca02c", "^"),

@@ -98,9 +98,7 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
             ("thinnest wall", _with_place(_wall(wall, voxel_m), report["thinnest_wall_at"], span)),
             (
                 "sharpest edge",
-                _with_place(
-                    f"{math.degrees(one.sharpest_rad):.0f} deg", report["sharpest_edge_at"], span
-                ),
+                _with_place(_sharpest(one), report["sharpest_edge_at"], span),
             ),
             ("creases", f"{one.creases[0]:,} convex, {one.creases[1]:,} concave"),
         ]
@@ -109,11 +107,19 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
     return [*lines, *(("bake", text) for text in (said or [head]))]
 
 
+def _sharpest(one: Findings) -> str:
+    if one.sharpest_rad is None:
+        return f"none over {one.crease_angle_deg:g} deg"
+    return f"{math.degrees(one.sharpest_rad):.0f} deg"
+
+
 def _closed(report: dict[str, object], span: float) -> str:
+    turned = f"{report['turned_edges']:,} edges with two triangles that run the same way"
+    turned = _with_place(turned, report["turned_at"], span) if report["turned_edges"] else ""
     if report["closed"]:
-        return "yes"
+        return f"yes, but {turned}" if turned else "yes"
     text = f"no: {report['open_edges']:,} open edges, {report['branched_edges']:,} with three or more triangles"
-    return _with_place(text, report["open_at"], span)
+    return _with_place(text, report["open_at"], span) + (f"; {turned}" if turned else "")
 
 
 def _wall(wall_m: float | None, voxel_m: float | None) -> str:
