@@ -71,6 +71,8 @@ def test_a_whole_ply_in_text_is_read_however_it_ends(tmp_path: Path, ply: str) -
         ("f.obj", f"{CORNERS.replace('v 1', 'v 1,0')}f 1 2 3\n", "'1,0' is not a number: it has a decimal comma"),
         ("g.obj", f"{CORNERS}f 1 2 9\n", "line 4: a face names vertex 9, there are 3"),
         ("h.obj", f"{CORNERS}f 0 1 2\n", "line 4: a face names vertex 0, the first is 1"),
+        ("j.off", "solid\n3 1 0\n", "the first line does not say OFF"),
+        ("k.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\nx\n", "line 6: 'x' is not"),
         ("i.off", "OFF\n3 1 0\n0 0 0\n1 x 0\n0 1 0\n3 0 1 2\n", "line 4: 'x' is not a number"),
     ],
 )  # fmt: skip

@@ -151,9 +151,10 @@ def _in_obj(text: str) -> Iterator[tuple[int, str]]:
 
 def _in_numbers(text: str) -> Iterator[tuple[int, str]]:
     """Of OFF and PLY, whose bodies are numbers alone."""
-    within = not text.startswith("ply")
-    for number, words in _rows(text):
-        head = number == 1 and words[0].upper().endswith("OFF")
-        if within and not head and (reason := _no_number(words)):
+    rows = list(_rows(text))
+    first = rows[0][1][0].upper() if rows else ""
+    ends = [k for k, (_, words) in enumerate(rows) if words[0] == "end_header"]
+    start = 1 if first.endswith("OFF") else ends[0] + 1 if ends else len(rows)
+    for number, words in rows[start:]:
+        if reason := _no_number(words):
             yield number, reason
-        within = within or words[0] == "end_header"
