@@ -102,11 +102,13 @@ static int tie_of_three(const rival *a, const rival *b, const rival *c, cr_vec3 
     return 1;
 }
 
-/* Which way a crease goes. W times a gradient across it is rounding, and would point anywhere. */
+/* Which way a crease goes: the longest column of its W. W times a gradient across it is rounding, and would point anywhere. */
 static cr_vec3 along_crease(const struct cr_img_cluster *c, int i) {
     const float x = c->wxx[i], y = c->wyy[i], z = c->wzz[i];
-    const cr_vec3 axis = {x >= max_f(y, z) ? 1.0f : 0.0f, y > x && y >= z ? 1.0f : 0.0f, z > max_f(x, y) ? 1.0f : 0.0f};
-    return v3_unit(spread_times(c, i, axis), 0.0f);
+    const cr_vec3 column = x >= max_f(y, z) ? v3(x, c->wxy[i], c->wzx[i])
+                           : y >= z         ? v3(c->wxy[i], y, c->wyz[i])
+                                            : v3(c->wzx[i], c->wyz[i], z);
+    return v3_unit(column, 0.0f);
 }
 
 /* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */

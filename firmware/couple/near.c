@@ -88,9 +88,10 @@ static void add_sample(cr_couple_view *v, uint32_t key, cr_vec3 place, float gap
 /* Whether a sample of a round surface faces away from its plane: that touches the tool elsewhere, and between facets a corner stands out beyond the pieces
  * beside it by a little, a ledge on which a ball of 1,280 triangles hung from an edge by 25 N instead of 2. */
 static int faces_away(const cr_couple_view *v, const struct cr_img_cluster *c, int i, cr_vec3 normal) {
-    const int round = has_lane(c->vertex_mask, i) || c->bow[i] > 0.0f;
-    const cr_vec3 out = xform_rotate(&v->pose, v3_unit(v3(c->ax[i], c->ay[i], c->az[i]), 0.0f));
-    return round && ((c->beside[i] | 1u << i) & c->crease_mask) == 0u && v3_dot(out, normal) > -FACES;
+    const uint32_t lane = 1u << i, edge = (c->beside[i] | lane) & c->crease_mask;
+    const cr_vec3 n = xform_unrotate(&v->pose, normal);
+    const float faces = n.x * c->ax[i] + n.y * c->ay[i] + n.z * c->az[i];
+    return edge == 0u && (c->bow[i] > 0.0f || (c->vertex_mask & lane) != 0u) && faces > -FACES * c->area[i];
 }
 
 /* Samples of a cluster. Where a piece's end, or a place between, is nearer than its middle, that stands for the sample.
