@@ -9,8 +9,9 @@
 /* A sample near the surface that is left out may be nearer than it was looked up by so many of the image's errors, root mean square: what is more is
  * seen a look late, and no deeper than the image is wrong. */
 #define NEAR_ERRORS 2.0f
-/* Cosine of a round surface's normal and the plane that it is held by, at least: of 20 degrees, by which facets turn that are no corner. */
+/* Cosine of a round surface's normal and the plane that it is held by, at least, and tangent, by which it falls away at most: of 20 degrees, by which facets turn that are no corner. */
 #define FACES 0.94f
+#define BENDS 0.36f
 /* What a clearance loses to the rounding of odometers. */
 #define CLEAR_SHARE 0.999999f
 
@@ -85,13 +86,12 @@ static void add_sample(cr_couple_view *v, uint32_t key, cr_vec3 place, float gap
     }
 }
 
-/* Whether a sample of a round surface faces away from its plane: that touches the tool elsewhere, and between facets a corner stands out beyond the pieces
- * beside it by a little, a ledge on which a ball of 1,280 triangles hung from an edge by 25 N instead of 2. */
+/* Whether a sample of a surface that bends little faces away from its plane: that touches the tool elsewhere, and between facets a corner stands out beyond the
+ * pieces beside it by a little, a ledge on which a ball of 1,280 triangles hung from an edge by 25 N instead of 2. What bends more may be the tip of a cone. */
 static int faces_away(const cr_couple_view *v, const struct cr_img_cluster *c, int i, cr_vec3 normal) {
-    const uint32_t lane = 1u << i, edge = (c->beside[i] | lane) & c->crease_mask;
     const cr_vec3 n = xform_unrotate(&v->pose, normal);
-    const float faces = n.x * c->ax[i] + n.y * c->ay[i] + n.z * c->az[i];
-    return edge == 0u && (c->bow[i] > 0.0f || (c->vertex_mask & lane) != 0u) && faces > -FACES * c->area[i];
+    return c->bow[i] > 0.0f && c->bow[i] < BENDS * c->ramp[i] &&
+           n.x * c->ax[i] + n.y * c->ay[i] + n.z * c->az[i] > -FACES * c->area[i];
 }
 
 /* Samples of a cluster. Where a piece's end, or a place between, is nearer than its middle, that stands for the sample.
