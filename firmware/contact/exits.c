@@ -102,13 +102,13 @@ static int tie_of_three(const rival *a, const rival *b, const rival *c, cr_vec3 
     return 1;
 }
 
-/* Which way a crease goes: the longest column of its W. W times a gradient across it is rounding, and would point anywhere. */
-static cr_vec3 along_crease(const struct cr_img_cluster *c, int i) {
+/* From the middle of a crease to its end, along the longest column of its W. W times a gradient across it is rounding, and would point anywhere. */
+static cr_vec3 end_of_crease(const struct cr_img_cluster *c, int i) {
     const float x = c->wxx[i], y = c->wyy[i], z = c->wzz[i];
     const cr_vec3 column = x >= max_f(y, z) ? v3(x, c->wxy[i], c->wzx[i])
                            : y >= z         ? v3(c->wxy[i], y, c->wyz[i])
                                             : v3(c->wzx[i], c->wyz[i], z);
-    return v3_unit(column, 0.0f);
+    return v3_scale(column, c->reach[i] / sqrtf(max_f(v3_dot(column, column), 1e-37f)));
 }
 
 /* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
@@ -122,7 +122,7 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     float best = base;
     uint32_t looked_at = is_crease ? 3u : 1u;
     if (is_crease && count > 0u) {
-        const cr_vec3 end = v3_scale(along_crease(c, i), c->reach[i]);
+        const cr_vec3 end = end_of_crease(c, i);
         best = max_f(best, max_f(first_exit(e, end), first_exit(e, v3_scale(end, -1.0f))));
     }
     for (uint32_t a = 0; a < count; a++) {

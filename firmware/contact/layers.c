@@ -6,20 +6,11 @@
 /* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
 #define WIDTH_MIN 0.25f
 
-static float along_side(cr_vec3 g, uint32_t side) {
-    const float parts[3] = {g.x, g.y, g.z};
-    return max_f(0.0f, parts[side >> 1] * ((side & 1u) != 0u ? -1.0f : 1.0f));
-}
-
 float cr_way_share(cr_vec3 g, uint32_t side) {
-    const float along = along_side(g, side), length2 = v3_dot(g, g);
+    const float parts[3] = {g.x, g.y, g.z}, length2 = v3_dot(g, g);
+    const float along = parts[side >> 1] * ((side & 1u) != 0u ? -1.0f : 1.0f);
     /* less than rounding is none: a weight that small has no mean */
-    return length2 > 0.0f ? max_f(0.0f, along * along / length2 - 1e-12f) : 0.0f;
-}
-
-float cr_way_ratio(cr_vec3 g, uint32_t side) {
-    const float along = along_side(g, side), most = max_f(max_f(abs_f(g.x), abs_f(g.y)), abs_f(g.z));
-    return most > 0.0f ? along * along / (most * most) : 0.0f;
+    return along > 0.0f && length2 > 0.0f ? max_f(0.0f, along * along / length2 - 1e-12f) : 0.0f;
 }
 
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube

@@ -92,6 +92,12 @@ static int ends_at_side(const cr_way_survey *s) {
     return waits;
 }
 
+/* Share of a direction along a side, against the side that it is most of. */
+static float ratio_of(cr_vec3 g, uint32_t side) {
+    const float most = max_f(max_f(abs_f(g.x), abs_f(g.y)), abs_f(g.z));
+    return most > 0.0f ? cr_way_share(g, side) * v3_dot(g, g) / (most * most) : 0.0f;
+}
+
 /* Lanes over a round surface for those sides that have a zone: each by what it is of that side, against the side that it is most of. */
 static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
                         const cr_lanes3 *world, const float *share) {
@@ -102,7 +108,7 @@ static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
         uint32_t on = 0u;
         s->work->spent += PARTS_OF_SHARE * (1u + count);
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-            part[i] = share[i] * cr_way_ratio(lane_of(world, i), side);
+            part[i] = share[i] * ratio_of(lane_of(world, i), side);
             on |= (uint32_t)(part[i] > 0.0f) << i;
         }
         at->lanes = lanes & on;

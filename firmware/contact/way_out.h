@@ -39,9 +39,6 @@ void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_v
 /* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
 float cr_way_share(cr_vec3 direction, uint32_t side);
 
-/* Purpose  the same against the side that it is most of, which has 1. */
-float cr_way_ratio(cr_vec3 direction, uint32_t side);
-
 /* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known.   Shapes  coverage[CR_LANES]. */
 void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
                         const float *coverage, const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
