@@ -1,6 +1,9 @@
 /* measure: hit by hit the surfaces that the lanes are over, for depth_along to count; over as many ticks as the work takes. WAY_OUT.md "Depth". */
 #include "contact/way_out.h"
 
+/* A sample of a curved surface counts in full for a side from this share on; one side at least has a third. */
+#define SIDE_FULL 0.25f
+
 /* Work, in parts of a unit: a hit that is looked up again, beside its lookup; a step, whatever it does; a zone that a hit is asked for, a half-space that
  * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, twice for a cell, and that is begun, beside zones that might be of it; a
  * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a
@@ -92,13 +95,7 @@ static int ends_at_side(const cr_way_survey *s) {
     return waits;
 }
 
-/* Share of a direction along a side, against the side that it is most of. */
-static float ratio_of(cr_vec3 g, uint32_t side) {
-    const float most = max_f(max_f(abs_f(g.x), abs_f(g.y)), abs_f(g.z));
-    return most > 0.0f ? cr_way_share(g, side) * v3_dot(g, g) / (most * most) : 0.0f;
-}
-
-/* Lanes over a round surface for those sides that have a zone: each by what it is of that side, against the side that it is most of. */
+/* Lanes over a round surface, by their share, for those sides that have a zone and their normals a part of. */
 static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t sides,
                         const cr_lanes3 *world, const float *share) {
     const uint32_t lanes = at->lanes, count = cr_count_lanes(lanes);
@@ -108,8 +105,9 @@ static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
         uint32_t on = 0u;
         s->work->spent += PARTS_OF_SHARE * (1u + count);
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-            part[i] = share[i] * ratio_of(lane_of(world, i), side);
-            on |= (uint32_t)(part[i] > 0.0f) << i;
+            const float its = share[i] * cr_way_share(lane_of(world, i), side);
+            part[i] = lower_f(1.0f, its / SIDE_FULL);
+            on |= (uint32_t)(its > 0.0f) << i;
         }
         at->lanes = lanes & on;
         if (at->lanes != 0u) {
@@ -119,8 +117,9 @@ static void count_sides(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
     end_surface(s);
 }
 
-/* Lanes over a facet, or where no surface is near, each by its part; over a facet of a round surface for its sides. */
-static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *part) {
+/* Lanes over a facet, or where no surface is near, each by its part; over a facet of a round surface for its sides, by their share. */
+static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share,
+                        const float *part) {
     if ((sides & FELT_ROUND) != 0u) {
         const cr_scene *scene = s->in->field->scene;
         cr_lanes3 *world = &s->scratch->beside;
@@ -131,7 +130,7 @@ static void count_facet(const cr_way_survey *s, cr_way_spots *at, uint32_t index
             world->y[i] = n.y;
             world->z[i] = n.z;
         }
-        count_sides(s, at, cr_way_felt(scene, index), sides & ~FELT_ROUND, world, part);
+        count_sides(s, at, cr_way_felt(scene, index), sides & ~FELT_ROUND, world, share);
         return;
     }
     cr_way_count(s, at, index, 0u, part);
@@ -152,7 +151,7 @@ static void over_solid(const cr_way_survey *s, const struct cr_img_cluster *c, u
             const uint32_t to = k == top ? 0u : k == 0u ? top : k;
             at.planes[to] = (cr_way_known){p->facet[k], 0, p->normal_tool[k], h->height_m[k]};
         }
-        count_facet(s, &at, p->facet[top], sides, whole);
+        count_facet(s, &at, p->facet[top], sides, whole, whole);
     }
 }
 
@@ -173,7 +172,7 @@ static void behind_walls(const cr_way_survey *s, const struct cr_img_cluster *c,
         }
         at.lanes &= lanes;
         at.planes[0] = (cr_way_known){p->facet[k], 0, v3_scale(p->normal_tool[k], -1.0f), height_m};
-        count_facet(s, &at, p->facet[k], sides, whole);
+        count_facet(s, &at, p->facet[k], sides, whole, whole);
     }
 }
 
@@ -202,10 +201,13 @@ static void over_curved(const cr_way_survey *s, cr_way_spots *at, uint32_t surfa
 
 /* Lanes over a facet that is not curved. */
 static void over_flat(const cr_way_survey *s, cr_way_spots *at, uint32_t index, uint32_t sides, const float *share) {
-    float height_m[CR_LANES];
+    float height_m[CR_LANES], part[CR_LANES];
     const cr_vec3 n = cr_way_heights(s->in->field->scene, s->in->world_from_tool, at->c, index, height_m);
+    for (int i = 0; i < CR_LANES; i++) {
+        part[i] = lower_f(1.0f, share[i] / SIDE_FULL);
+    }
     at->planes[0] = (cr_way_known){index, 0, n, height_m};
-    count_facet(s, at, index, sides, share);
+    count_facet(s, at, index, sides, share, part);
 }
 
 /* Lanes that were looked up, on one surface, by their share. */
@@ -256,7 +258,7 @@ static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c,
     at.planes[0] = (cr_way_known){CR_FACET_NONE, 0, none, look->phi_m};
     const uint32_t sides = begin_surface(s, CR_WAY_NONE);
     if (sides != 0u) {
-        count_facet(s, &at, CR_WAY_NONE, sides, whole);
+        count_facet(s, &at, CR_WAY_NONE, sides, whole, whole);
     }
 }
 
@@ -282,15 +284,6 @@ static void share_cells(const cr_way_survey *s, uint32_t lanes) {
                        its.share[k], its.normal[k]);
         }
         s->work->spent += its.count * (2u * PARTS_OF_FACET + on->count) / 2u;
-    }
-    for (int i = 0; i < CR_LANES; i++) {
-        float most = 1e-30f;
-        for (uint32_t k = 0; k < on->count; k++) {
-            most = higher_f(most, on->share[k][i]);
-        }
-        for (uint32_t k = 0; k < on->count; k++) {
-            on->share[k][i] /= most;
-        }
     }
     s->work->spent += PARTS_OF_MADE * on->count;
 }

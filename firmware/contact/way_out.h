@@ -190,7 +190,7 @@ typedef struct {
     float leaves[CR_WAY_EXITS_MAX][CR_LANES];
 } cr_way_rows;
 
-/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each: in full for the one that it is most of. */
+/* Surfaces that lanes in cells of several facets, or of none, are over, and how far each counts for each. */
 typedef struct {
     uint32_t common; /* the one that all lanes are over, or CR_WAY_NONE: then the others */
     uint32_t far;    /* lanes where no surface is near */
