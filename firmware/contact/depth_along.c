@@ -3,8 +3,7 @@
 
 /* No way out is longer than this many times the depth of the deepest sample, and half a sample. */
 #define FAR_MAX 4.0f
-/* Share of a half-space's weight from which on a plane bounds it as near as it is; from twice that on the exit through it is trusted. Trusted from the start, the way out of a stump
- * that a ball swallows (ball_stump of tests/host/test_properties.py) is up to twice as long as it is. */
+/* Share of a half-space's weight from which on a plane bounds it in full. */
 #define SEEN 0.02f
 /* Cosine of normal and plane from which on the exit through the plane is trusted; up to CR_WAY_STEEP_MIN it is looked for along the normal. Where planes are
  * all there is they are trusted longer than beside a curved surface, whose exit no plane tells. */
@@ -145,6 +144,7 @@ static inline float reach_along(const cr_way_rest *r, int i, const cr_way_rows *
 static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, cr_way_ways *w) {
     float reach_m[CR_LANES];
     const uint32_t k = w->row++;
+    const float trusted = e->trusted[k];
     for (int i = 0; i < CR_LANES && !CR_SCALAR; i++) {
         reach_m[i] = reach_along(r, i, e, k);
     }
@@ -156,7 +156,7 @@ static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e
         const float least = there ? -(h + reach) * per : NEVER_M;
         w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
         w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach - h) * per) : w->most_m[i];
-        w->steep[i] = higher_f(w->steep[i], e->trusted[k] * leaves);
+        w->steep[i] = higher_f(w->steep[i], trusted * leaves);
         w->second_m[i] = lower_f(w->second_m[i], higher_f(w->first_m[i], least));
         w->first_m[i] = lower_f(w->first_m[i], least);
     }

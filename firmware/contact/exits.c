@@ -108,7 +108,7 @@ static cr_vec3 end_of_crease(const struct cr_img_cluster *c, int i) {
     const cr_vec3 column = x >= max_f(y, z) ? v3(x, c->wxy[i], c->wzx[i])
                            : y >= z         ? v3(c->wxy[i], y, c->wyz[i])
                                             : v3(c->wzx[i], c->wyz[i], z);
-    return v3_scale(column, c->reach[i] / sqrtf(max_f(v3_dot(column, column), 1e-37f)));
+    return v3_scale(column, c->reach[i] / sqrtf(v3_dot(column, column) + 1e-37f));
 }
 
 /* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
