@@ -66,7 +66,7 @@ REST_TICKS, LEAD_TICKS = 60, 100
 """The hand rests until the drives are calibrated, then leads the tool from inside the corner to the first row."""
 ROWS = slice(500, 761, 2)
 """Of the golden path: along the edge of two walls back to the corner of three; twice as fast."""
-SILENT = "silent:tick=1400,ticks=20,axis=Y"
+SILENT = "silent:tick=1385,ticks=20,axis=Y"
 """The fault: drive Y says nothing for 20 ticks, the tool in contact. Counted from the first SYNC."""
 SILENT_AXIS = 1
 TICKS_MIN, FORCE_MIN_N = 80, 0.1
