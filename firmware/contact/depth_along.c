@@ -374,31 +374,19 @@ static int is_next(const cr_way_survey *s, uint32_t parts) {
     return 1;
 }
 
-/* How far lanes count for their own zone: as it leads, and as none that it is related to does. */
-static float own_part(const cr_way_relations *r, uint32_t zones, uint32_t z) {
-    float led = 0.0f;
-    if (!(r->lead[z] < 1.0f)) {
-        return 1.0f;
-    }
-    for (uint32_t b = 0; b < zones; b++) {
-        led = b == z ? led : max_f(led, r->part[z][b] * r->lead[b]);
-    }
-    return r->lead[z] + (1.0f - r->lead[z]) * (1.0f - led);
-}
-
 /* Lanes count for their zone; where that does not lead, for those that it is related to and they are near to. */
 static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32_t lanes, uint32_t z,
                           const float *part) {
     const cr_way_relations *r = s->relations;
     const uint32_t parts = PARTS_OF_HALF + PARTS_OF_LANE * cr_count_lanes(lanes);
-    const float own = own_part(r, s->zones->count, z);
-    for (uint32_t b = 0; b < s->zones->count; b++) {
-        const float most = b == z ? own : (1.0f - r->lead[z]) * r->part[z][b] * r->lead[b];
-        cr_way_half *half = &s->half[r->half_of[b]];
-        float *share = s->scratch->rest.part;
-        if (!(most > 0.0f && is_next(s, parts))) {
+    for (uint32_t those = r->counts_for[z]; those != 0u;) {
+        const uint32_t b = (uint32_t)take_lane(&those);
+        if (!is_next(s, parts)) {
             continue;
         }
+        const float most = r->part[z][b];
+        cr_way_half *half = &s->half[r->half_of[b]];
+        float *share = s->scratch->rest.part;
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             share[i] = part[i] * most;
         }

@@ -379,10 +379,10 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
     for (uint32_t left = reach->zones; left != 0u;) {
         const uint32_t z = (uint32_t)take_lane(&left);
         CR_ASSERT(z < s->zones->count && r->half_of[z] < r->half_count);
-        halves |= 1u << r->half_of[z];
-        pairs += PARTS_OF_ASKED + (r->lead[z] < 1.0f ? PARTS_OF_PAIR * s->zones->count : 0u);
-        for (uint32_t b = 0; b < s->zones->count && r->lead[z] < 1.0f; b++) {
-            halves |= (uint32_t)(r->part[z][b] > 0.0f) << r->half_of[b];
+        pairs += PARTS_OF_ASKED;
+        for (uint32_t those = r->counts_for[z]; those != 0u;) {
+            halves |= 1u << r->half_of[take_lane(&those)];
+            pairs += PARTS_OF_PAIR;
         }
     }
     s->work->spent += pairs;
@@ -496,14 +496,17 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
     while (!is_whole && work->spent / CR_WORK_PARTS < lookups_max) {
         work->spent += PARTS_OF_STEP;
         const uint32_t agreed = joined + HALF_PASSES * work->relations.half_count; /* once they have joined */
+        const uint32_t told = agreed + zones->count;
         if (work->next < joined) {
             work->spent += take_zone(in->field->scene, zones, work);
         } else if (work->left != 0u) {
             cr_way_go_on(&s);
         } else if (work->next < agreed) {
             work->spent += take_half(zones, work, work->next++ - joined);
-        } else if (work->next < agreed + zones->count + in->set->hit_count) {
-            work->next += (uint32_t)measure_step(&s, work->next - agreed, &planes, &cell);
+        } else if (work->next < told) {
+            work->spent += PARTS_OF_PAIR * cr_way_tell_counts(zones->count, work->next++ - agreed, &work->relations);
+        } else if (work->next < told + zones->count + in->set->hit_count) {
+            work->next += (uint32_t)measure_step(&s, work->next - told, &planes, &cell);
         } else {
             is_whole = 1;
         }

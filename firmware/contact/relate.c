@@ -407,6 +407,26 @@ uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *r, uint
     return compared;
 }
 
+uint32_t cr_way_tell_counts(uint32_t count, uint32_t a, cr_way_relations *r) {
+    const float lead = r->lead[a];
+    float *part = r->part[a], led = 0.0f;
+    uint32_t counts = 0u;
+    r->counts_for[a] = 1u << a;
+    if (!(lead < 1.0f)) {
+        return 0u;
+    }
+    for (uint32_t b = 0; b < count; b++) {
+        led = b == a ? led : max_f(led, part[b] * r->lead[b]);
+        part[b] = (1.0f - lead) * part[b] * r->lead[b];
+    }
+    part[a] = lead + (1.0f - lead) * (1.0f - led);
+    for (uint32_t b = 0; b < count; b++) {
+        counts |= (uint32_t)(part[b] > 0.0f) << b;
+    }
+    r->counts_for[a] = counts;
+    return count;
+}
+
 /* The sum of the moments of one direction acts for each half-space, by their weights, so that which of them is deepest by a hair does not matter. One that
  * does not push has no part in it: its arm is a moment over next to no force. */
 void cr_way_share_arm(uint32_t count, uint32_t index, cr_way_half *halves) {

@@ -104,9 +104,12 @@ typedef struct {
 typedef struct {
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* mean of the static surface's: the shorter the more it is spread */
     cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* the same of length 1, and a point of the surface */
-    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];            /* 1: one way out, 0: two */
-    float lead[CR_WAY_ZONES_MAX];    /* 0..1: how far those that a zone is related to are related to each other */
-    uint8_t order[CR_WAY_ZONES_MAX]; /* zones by their keys */
+    float part
+        [CR_WAY_ZONES_MAX]
+        [CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two; once that is told, how far samples of a zone count for another */
+    uint32_t counts_for[CR_WAY_ZONES_MAX]; /* bits: those zones */
+    float lead[CR_WAY_ZONES_MAX];          /* 0..1: how far those that a zone is related to are related to each other */
+    uint8_t order[CR_WAY_ZONES_MAX];       /* zones by their keys */
     uint32_t half_of[CR_WAY_ZONES_MAX];
     uint32_t half_count, first[CR_WAY_ZONES_MAX]; /* half-spaces, and the zone that each was made for */
     float whole_m3;                               /* weight of all zones */
@@ -142,6 +145,10 @@ int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations
 /* Purpose  how far a half-space is open, once all zones have joined.   Returns  zones whose relations were compared with its own. */
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,
                       cr_way_half *halves);
+
+/* Purpose  how far samples of a zone count for which half-spaces, once all have agreed: for their own as it leads, and as none does that it is related to; for those,
+ *          as it does not lead and they do.   Output  its part and counts_for.   Returns  zones that it was compared with. */
+uint32_t cr_way_tell_counts(uint32_t count, uint32_t zone, cr_way_relations *relations);
 
 /* Purpose  the moment that a half-space shares, once it is known how far all are open.   Output  arm_m. */
 void cr_way_share_arm(uint32_t count, uint32_t index, cr_way_half *halves);

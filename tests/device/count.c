@@ -18,15 +18,19 @@ static const char *const stage_names[STAGE_COUNT] = {"outside", "tick", "detect"
 static const struct {
     const char *name;
     int stage, everywhere;
-} marks[] = {{"job_tick", OUTSIDE, 1},         {"main", OUTSIDE, 1},         {"cr_servo_rerun", OUTSIDE, 1},
-             {"device_tick_end", OUTSIDE, 0},  {"job_hash", OUTSIDE, 0},     {"cr_tick", TICK, 1},
-             {"cr_motion_advance", DETECT, 0}, {"cr_detect", DETECT, 0},     {"cr_way_measure", DEPTH, 1},
-             {"cr_way_relate", RELATE, 0},     {"cr_way_lead", RELATE, 0},   {"cr_way_join", RELATE, 0},
-             {"cr_way_turn", RELATE, 0},       {"cr_way_agree", RELATE, 0},  {"cr_way_share_arm", RELATE, 0},
-             {"cr_way_push", RESOLVE, 0},      {"cr_search_slice", TICK, 1}, {"cr_feel", FEEL, 1},
-             {"cr_search", TICK, 1},           {"cr_accept", FEEL, 0},       {"cr_render", FEEL, 0},
-             {"cr_servo_tick", SERVO, 1},      {"cr_servo_sync", SERVO, 0},  {"cr_servo_rx", SERVO, 0},
-             {"cr_couple_tick", COUPLE, 0}};
+} marks[] = {{"job_tick", OUTSIDE, 1},         {"main", OUTSIDE, 1},
+             {"cr_servo_rerun", OUTSIDE, 1},   {"device_tick_end", OUTSIDE, 0},
+             {"job_hash", OUTSIDE, 0},         {"cr_tick", TICK, 1},
+             {"cr_motion_advance", DETECT, 0}, {"cr_detect", DETECT, 0},
+             {"cr_way_measure", DEPTH, 1},     {"cr_way_relate", RELATE, 0},
+             {"cr_way_lead", RELATE, 0},       {"cr_way_join", RELATE, 0},
+             {"cr_way_turn", RELATE, 0},       {"cr_way_agree", RELATE, 0},
+             {"cr_way_share_arm", RELATE, 0},  {"cr_way_push", RESOLVE, 0},
+             {"cr_search_slice", TICK, 1},     {"cr_feel", FEEL, 1},
+             {"cr_search", TICK, 1},           {"cr_accept", FEEL, 0},
+             {"cr_render", FEEL, 0},           {"cr_servo_tick", SERVO, 1},
+             {"cr_servo_sync", SERVO, 0},      {"cr_servo_rx", SERVO, 0},
+             {"cr_couple_tick", COUPLE, 0},    {"cr_way_tell_counts", RELATE, 0}};
 
 typedef struct {
     char name[64];

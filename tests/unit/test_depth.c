@@ -55,6 +55,7 @@ static int set_up(void **state) {
     set.way.count = 1u;
     set.way.zones[0].key = (cr_way_key){FLOOR, 0u, 0u};
     relations.part[0][0] = relations.lead[0] = 1.0f;
+    relations.counts_for[0] = 1u;
     half.weight_m3 = WEIGHT_M3;
     half.deep_m = 10e-3f;
     return 0;

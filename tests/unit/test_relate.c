@@ -367,6 +367,31 @@ static void zones_in_conflict_count_by_their_weight(void **state) {
     }
 }
 
+/* Samples of a zone that leads by a quarter count for it by that, and by three quarters for the one that leads in full; half of these go back where that one leads
+ * by half. One that leads counts for itself alone. */
+static void zones_that_do_not_lead_count_for_those_that_do(void **state) {
+    (void)state;
+    const float other[2] = {1.0f, 0.5f}, own[2] = {0.25f, 0.625f}, its[2] = {0.75f, 0.375f};
+    for (int i = 0; i < 2; i++) {
+        clear(NULL);
+        for (uint32_t z = 0; z < 3u; z++) {
+            add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
+            relations.part[z][z] = relations.lead[z] = 1.0f;
+        }
+        relations.part[0][1] = relations.part[1][0] = relations.part[1][2] = relations.part[2][1] = 1.0f;
+        relations.part[0][2] = relations.part[2][0] = 0.0f;
+        relations.lead[0] = 0.25f;
+        relations.lead[1] = other[i];
+        assert_int_equal(cr_way_tell_counts(3u, 0u, &relations), 3);
+        assert_int_equal(relations.counts_for[0], 3u);
+        assert_near((double)relations.part[0][0], (double)own[i], 1e-7);
+        assert_near((double)relations.part[0][1], (double)its[i], 1e-7);
+        assert_int_equal(cr_way_tell_counts(3u, 2u, &relations), 0);
+        assert_int_equal(relations.counts_for[2], 4u);
+        assert_near((double)relations.part[2][2], 1.0, 0.0);
+    }
+}
+
 /* Two level faces of one patch, so far from each other, the line between them rising by this sine: how far they have one way out. */
 static double part_of_steps(float apart_m, float sine) {
     clear(NULL);
@@ -536,6 +561,7 @@ int main(void) {
         cmocka_unit_test_setup(what_weighs_little_makes_a_sum_little_larger, clear),
         cmocka_unit_test_setup(zones_are_in_the_order_of_their_keys, clear),
         cmocka_unit_test_setup(zones_in_conflict_count_by_their_weight, clear),
+        cmocka_unit_test_setup(zones_that_do_not_lead_count_for_those_that_do, clear),
         cmocka_unit_test_setup(what_lies_above_is_apart, clear),
         cmocka_unit_test_setup(what_is_hardly_beside_is_half_apart, clear),
         cmocka_unit_test_setup(faces_that_turn_little_are_told_apart, clear),
