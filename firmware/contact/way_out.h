@@ -104,15 +104,18 @@ typedef struct {
 typedef struct {
     cr_vec3 normal[CR_WAY_ZONES_MAX]; /* mean of the static surface's: the shorter the more it is spread */
     cr_vec3 unit[CR_WAY_ZONES_MAX], touched[CR_WAY_ZONES_MAX]; /* the same of length 1, and a point of the surface */
-    float part
-        [CR_WAY_ZONES_MAX]
-        [CR_WAY_ZONES_MAX]; /* 1: one way out, 0: two; once that is told, how far samples of a zone count for another */
-    uint32_t counts_for[CR_WAY_ZONES_MAX]; /* bits: those zones */
-    float lead[CR_WAY_ZONES_MAX];          /* 0..1: how far those that a zone is related to are related to each other */
-    uint8_t order[CR_WAY_ZONES_MAX];       /* zones by their keys */
+    /* 1: one way out, 0: two; once all have agreed, how far samples of a zone count for the half-space of another */
+    float part[CR_WAY_ZONES_MAX][CR_WAY_ZONES_MAX];
+    float lead[CR_WAY_ZONES_MAX];    /* 0..1: how far those that a zone is related to are related to each other */
+    uint8_t order[CR_WAY_ZONES_MAX]; /* zones by their keys */
     uint32_t half_of[CR_WAY_ZONES_MAX];
-    uint32_t half_count, first[CR_WAY_ZONES_MAX]; /* half-spaces, and the zone that each was made for */
-    float whole_m3;                               /* weight of all zones */
+    uint32_t half_count;
+    union {
+        uint32_t first[CR_WAY_ZONES_MAX]; /* of each half-space the zone that it was made for, until all have agreed; */
+        uint32_t counts_for
+            [CR_WAY_ZONES_MAX]; /* then of each zone, as bits: zones for whose half-spaces its samples count */
+    };
+    float whole_m3; /* weight of all zones */
 } cr_way_relations;
 
 /* Zones become half-spaces in passes, each over all zones or half-spaces, one after the other. */
