@@ -220,6 +220,7 @@ static void count(const crt_rig *rig, uint32_t halves, float known_m, uint32_t p
         work.half[h].depth_m = known_m;
     }
     work.relations.lead[0] = halves > 1u ? 0.5f : 1.0f;
+    (void)cr_way_tell_counts(halves, 0u, &work.relations);
     begin_part();
     cr_way_count(&survey, &at, FLOOR, 0u, whole);
     end_part(name, work.spent);
