@@ -26,7 +26,7 @@ extern "C" {
 #define CR_VERSION_PATCH 0
 #define CR_VERSION (CR_VERSION_MAJOR * 1000000 + CR_VERSION_MINOR * 1000 + CR_VERSION_PATCH)
 /* Version of the scene image this library reads (SPEC.md). */
-#define CR_IMAGE_VERSION 5u
+#define CR_IMAGE_VERSION 6u
 
 /* Purpose  version of the library that runs; another than CR_VERSION: it was built from other headers than its caller. */
 uint32_t cr_version(void);

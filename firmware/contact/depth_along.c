@@ -68,6 +68,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
             height[i] = h;
             steep[i] = h < 0.0f || q->sure != 0u ? leaves : NO_PLANE;
         }
+        e->bound[e->count] = q;
         e->curved[e->count] = 0;
         e->trusted[e->count] = clamp_f(seen - 1.0f, 0.0f, 1.0f);
         e->normal[e->count++] = q->normal;
@@ -81,6 +82,7 @@ static void find_own(const cr_way_half *half, const cr_way_spots *at, uint32_t l
         const float leaves = p->curved ? 0.0f : v3_dot(p->normal, half->normal);
         e->normal[k] = p->normal;
         e->curved[k] = p->curved;
+        e->bound[k] = NULL;
         e->trusted[k] = 1.0f;
         for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
             e->height_m[k][i] = p->height_m[i];
@@ -140,11 +142,53 @@ static inline float reach_along(const cr_way_rest *r, int i, const cr_way_rows *
     return cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
 }
 
+/* The rectangle that a facet lies in, seen from the tool: its axes, how far the tool's origin lies from its middle along them, and how far along them a way leads. */
+typedef struct {
+    cr_vec3 x, y;
+    float from_x_m, from_y_m, to_x, to_y, half_x_m, half_y_m;
+} sheet;
+
+static sheet sheet_of(const cr_way_survey *s, const cr_way_bound *q, cr_vec3 way) {
+    CR_ASSERT(q->facet < s->in->field->scene->facet_count);
+    const struct cr_img_facet *f = &s->in->field->scene->facets[q->facet];
+    const xform *pose = s->in->world_from_tool;
+    const cr_vec3 x = xform_unrotate(pose, v3_from(f->along)), y = v3_cross(q->normal, x);
+    const cr_vec3 from = xform_unrotate(pose, v3_sub(pose->t, v3_from(f->middle_m)));
+    return (sheet){x, y, v3_dot(x, from), v3_dot(y, from), v3_dot(x, way), v3_dot(y, way), f->half_m[0], f->half_m[1]};
+}
+
+/* How far a lane meets a sheet after so long a way: 1 where its piece reaches it, 0 from twice as far beside it. */
+static inline float meets(const sheet *f, const struct cr_img_cluster *c, int i, float way_m) {
+    const cr_vec3 p = v3(c->x[i], c->y[i], c->z[i]);
+    const float x_m = abs_f(v3_dot(f->x, p) + f->from_x_m + f->to_x * way_m) - f->half_x_m;
+    const float y_m = abs_f(v3_dot(f->y, p) + f->from_y_m + f->to_y * way_m) - f->half_y_m;
+    return clamp_f(2.0f - higher_f(x_m, y_m) / (CR_WAY_REACH * c->ramp[i] + c->reach[i]), 0.0f, 1.0f);
+}
+
+/* How far lanes trust a row of planes: where the plane goes on and its facet does not, a march tells whether the way ends before. */
+static void find_trust(const cr_way_survey *s, uint32_t lanes, uint32_t k, float *trust) {
+    const cr_way_rest *r = &s->scratch->rest;
+    const cr_way_rows *e = &s->scratch->rows;
+    for (int i = 0; i < CR_LANES; i++) {
+        trust[i] = e->trusted[k];
+    }
+    if (e->bound[k] == NULL) {
+        return;
+    }
+    const sheet facet = sheet_of(s, e->bound[k], r->half->normal);
+    for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+        const float way_m = higher_f(0.0f, -e->height_m[k][i]) / higher_f(e->leaves[k][i], CR_WAY_LEAVES_MIN);
+        trust[i] *= meets(&facet, r->c, i, way_m);
+    }
+}
+
 /* Ways through one row of planes: the next of those that bound the lanes. With vectors the reach is a loop of its own, or neither would be vector code. */
-static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e, cr_way_ways *w) {
-    float reach_m[CR_LANES];
+static void find_ways(const cr_way_survey *s, uint32_t lanes, cr_way_ways *w) {
+    const cr_way_rest *r = &s->scratch->rest;
+    const cr_way_rows *e = &s->scratch->rows;
+    float reach_m[CR_LANES], trust[CR_LANES];
     const uint32_t k = w->row++;
-    const float trusted = e->trusted[k];
+    find_trust(s, lanes, k, trust);
     for (int i = 0; i < CR_LANES && !CR_SCALAR; i++) {
         reach_m[i] = reach_along(r, i, e, k);
     }
@@ -156,7 +200,7 @@ static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e
         const float least = there ? -(h + reach) * per : NEVER_M;
         w->middle_m[i] = bounds ? lower_f(w->middle_m[i], -h * per) : w->middle_m[i];
         w->most_m[i] = bounds ? lower_f(w->most_m[i], (reach - h) * per) : w->most_m[i];
-        w->steep[i] = higher_f(w->steep[i], trusted * leaves);
+        w->steep[i] = higher_f(w->steep[i], trust[i] * leaves);
         w->second_m[i] = lower_f(w->second_m[i], higher_f(w->first_m[i], least));
         w->first_m[i] = lower_f(w->first_m[i], least);
     }
@@ -279,7 +323,7 @@ static void take_row(const cr_way_survey *s) {
         end_ways(s);
         return;
     }
-    find_ways(&scratch->rest, s->work->left, &scratch->rows, &scratch->ways);
+    find_ways(s, s->work->left, &scratch->ways);
     s->work->spent += PARTS_OF_ROW + scratch->ways.parts;
 }
 

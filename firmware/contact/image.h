@@ -127,12 +127,15 @@ struct cr_img_kind {
 /* A plane; one that stands for a curved patch, only nominal; a plane of a curved patch, as at a crease: zones are those of the patch. */
 enum { CR_FACET_FLAT = 0u, CR_FACET_CURVED = 1u, CR_FACET_OF_CURVED = 2u };
 
-/* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. */
+/* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. Seen along the normal it lies in a rectangle. */
 struct cr_img_facet {
     float normal[3];
     float offset_m;
-    uint32_t patch;  /* smooth piece of the surface it belongs to */
-    uint32_t curved; /* CR_FACET_* */
+    uint32_t patch;    /* smooth piece of the surface it belongs to */
+    uint32_t curved;   /* CR_FACET_* */
+    float middle_m[3]; /* of the rectangle */
+    float along[3];    /* unit, across the normal: */
+    float half_m[2];   /* how far it reaches to either side along that, and along normal x along */
 };
 
 enum { CR_PAIR_CONVEX = 1u, CR_PAIR_CONCAVE = 2u };

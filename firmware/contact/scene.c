@@ -244,7 +244,8 @@ static cr_err check_kind(const cr_scene *s, uint32_t index) {
 
 static cr_err check_facet(const cr_scene *s, uint32_t index) {
     const struct cr_img_facet *f = &s->facets[index];
-    if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > CR_FACET_OF_CURVED) {
+    if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > CR_FACET_OF_CURVED ||
+        !floats_are_finite(f->middle_m, 3) || !is_unit(f->along) || !all_in(f->half_m, 2, 0.0f, VALUE_MAX)) {
         return CR_ERR_VALUE;
     }
     return f->patch >= s->meta->patch_count ? CR_ERR_INDEX : CR_OK;

@@ -149,8 +149,8 @@ int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,
                       cr_way_half *halves);
 
-/* Purpose  how far samples of a zone count for which half-spaces, once all have agreed: for their own as it leads, and as none does that it is related to; for those,
- *          as it does not lead and they do.   Output  its part and counts_for.   Returns  zones that it was compared with. */
+/* Purpose  how far samples of a zone count for which half-spaces, once all have agreed: for their own as it leads or none does that it is related to; for
+ *          those, as it does not lead and they do. Half is enough for either: what counts for both is as deep in both.   Output  its part and counts_for.   Returns  zones that it was compared with. */
 uint32_t cr_way_tell_counts(uint32_t count, uint32_t zone, cr_way_relations *relations);
 
 /* Purpose  the moment that a half-space shares, once it is known how far all are open.   Output  arm_m. */
@@ -194,6 +194,7 @@ typedef struct {
     uint32_t count;
     cr_vec3 normal[CR_WAY_EXITS_MAX];
     int curved[CR_WAY_EXITS_MAX];
+    const cr_way_bound *bound[CR_WAY_EXITS_MAX]; /* null: a plane that is known at the lanes */
     float
         trusted[CR_WAY_EXITS_MAX]; /* 0..1: how far the plane is known well enough to be left through without a march */
     float height_m[CR_WAY_EXITS_MAX][CR_LANES];

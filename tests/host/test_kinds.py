@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.bake.kinds import Probes, distance_from_planes
+from crease.bake.kinds import Probes, distance_from_planes, rectangle
 
 F64 = npt.NDArray[np.float64]
 
@@ -56,3 +56,39 @@ def test_rows_of_probes_agree_when_none_of_them_is_off(off_m: float, kept: int) 
     probes = Probes(at, exact, 5e-3, 1e-6, 1e-5)
     assert len(probes.agreeing(1.0, PLANES, np.arange(5))) == kept
     assert probes.agreeing(-1.0, PLANES, np.array([4, 1])).tolist() == []
+
+
+def test_the_rectangle_of_a_facet_holds_it_and_is_that_of_least_girth() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        half, shift = rng.uniform(1e-3, 2e-2, 2), rng.uniform(-0.1, 0.1, 3)
+        inside = rng.uniform(-1.0, 1.0, (30, 2)) * half
+        flat = np.vstack([inside, half * [[1, 1], [1, -1], [-1, 1], [-1, -1]]])
+        points = np.column_stack([flat, np.zeros(len(flat))]) @ turn.T + shift
+        middle, along, found = rectangle(turn[:, 2], points)
+        np.testing.assert_allclose(middle, shift, atol=1e-12)
+        np.testing.assert_allclose(np.sort(found), np.sort(half), rtol=1e-9)
+        other = np.cross(turn[:, 2], along)
+        at = (points - middle) @ np.column_stack([along, other])
+        assert (np.abs(at) <= found * (1 + 1e-9)).all()
+
+
+def test_the_rectangle_of_a_triangle_does_not_depend_on_how_it_lies() -> None:
+    """Of the three along its sides, all of one area."""
+    corners = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.01, 0.02, 0.0]])
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turn *= np.linalg.det(turn)
+        half = rectangle(turn[:, 2], corners @ turn.T)[2]
+        np.testing.assert_allclose(np.sort(half), [5e-3 * 5**0.5, 3e-2 * 5**-0.5], rtol=1e-9)
+
+
+def test_the_rectangle_of_a_sliver_is_its_line() -> None:
+    line = np.outer([0.0, 1.0, 0.25], [0.0, 0.01, 0.0]) + [0.5, 0.0, 0.0]
+    middle, along, half = rectangle(np.array([0.0, 0.0, 1.0]), line)
+    np.testing.assert_allclose(middle, [0.5, 0.005, 0.0], atol=1e-15)
+    np.testing.assert_allclose(np.abs(along), [0.0, 1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(half, [0.005, 0.0], atol=1e-15)

@@ -206,6 +206,23 @@ static void fill_kind(const crt_solid *s, uint32_t set, struct cr_img_kind *kind
                                      : CR_KIND_CONVEX;
 }
 
+/* A rectangle that holds all of the solid, and so the facet, seen along its normal. */
+static void fill_rectangle(const crt_solid *s, struct cr_img_facet *facet) {
+    double low[3], high[3], size2 = 0.0;
+    const float *n = facet->normal;
+    const cr_vec3 across = fabsf(n[0]) < 0.7f ? v3(0.0f, n[2], -n[1]) : v3(-n[2], 0.0f, n[0]);
+    const cr_vec3 along = v3_scale(across, 1.0f / v3_norm(across));
+    crt_bounds(s, low, high);
+    for (int a = 0; a < 3; a++) {
+        facet->middle_m[a] = (float)(0.5 * (low[a] + high[a]));
+        size2 += (high[a] - low[a]) * (high[a] - low[a]);
+    }
+    facet->along[0] = along.x;
+    facet->along[1] = along.y;
+    facet->along[2] = along.z;
+    facet->half_m[0] = facet->half_m[1] = (float)(0.5 * sqrt(size2));
+}
+
 static void fill_features(const crt_solid *s, parts *p) {
     int facets = crt_facets(s), ball = s->ball_m > 0.0;
     struct cr_img_facet *facet = add_part(p, CR_SEC_FACETS, (uint32_t)facets, sizeof *facet);
@@ -225,6 +242,7 @@ static void fill_features(const crt_solid *s, parts *p) {
         facet[f].offset_m = (float)n[3];
         facet[f].patch = (uint32_t)f;
         facet[f].curved = (uint32_t)ball;
+        fill_rectangle(s, &facet[f]);
         for (int g = f + 1; g < facets; g++) {
             int apart = f < s->sides && g < s->sides && s->sides == 4 && g - f == 2;
             if (!apart && f != s->sides) {

@@ -16,7 +16,7 @@
 #define FIELD_M 1e-3
 #define PLANE_M 2e-3
 #define FLOOR 2u /* the upper facet of the block */
-#define WALL 77u /* a facet that the image does not have */
+#define WALL 1u  /* and that beside it, which all of the block is seen through */
 #define WEIGHT_M3 1e-9f
 
 static crt_rig rig;
@@ -198,6 +198,35 @@ static void a_plane_is_not_trusted_before_it_is_there(void **state) {
     }
 }
 
+/* The same wall, its facet so far beside where the way meets its plane. As far as the piece reaches it is met; from twice as far on the march is all that
+ * counts, and what is hardly left through then decides nothing. */
+static void a_plane_is_not_trusted_beside_its_facet(void **state) {
+    (void)state;
+    const double cosine = 0.25, sine = sqrt(1.0 - cosine * cosine), away_m = 8e-3;
+    const double beside[4] = {0.0, 1.0, 2.0 - 0.4 / sine, 2.1}, trust[4] = {1.0, 1.0, 0.5, 0.0};
+    const struct cr_img_cluster *c = &rig.scene.clusters[floor_cluster];
+    struct cr_img_facet *wall = (struct cr_img_facet *)crt_section(rig.image, CR_SEC_FACETS) + WALL;
+    const struct cr_img_facet whole = *wall;
+    const double reach_m = (double)(CR_WAY_REACH * c->ramp[0]);
+    half.bound_count = 1u;
+    half.bounds[0] = (cr_way_bound){.facet = WALL, .normal = {1.0f, 0.0f, 0.0f}, .part = 1.0f, .sure = 1u};
+    half.bounds[0].offset_m = -c->x[0] - (float)away_m;
+    half.bounds[0].weight_m3 = half.weight_m3;
+    for (int axis = 0; axis < 2; axis++) {
+        for (int i = 0; i < 4; i++) {
+            wall->along[0] = wall->along[2] = 0.0f;
+            wall->along[1] = 1.0f;
+            wall->half_m[axis] = 1e-3f;
+            wall->middle_m[1 + axis] = axis == 0 ? c->y[0] : (float)(-FIELD_M + away_m * cosine / sine);
+            wall->middle_m[1 + axis] += (axis == 0 ? 1.0f : -1.0f) * (1e-3f + (float)(beside[i] * reach_m));
+            const double march_m = FIELD_M / cosine, wall_m = away_m / sine;
+            const double depth_m = depth_of(cosine, 1u, FIELD_M, 10e-3);
+            *wall = whole;
+            assert_near(depth_m, march_m + trust[i] * (wall_m - march_m), 0.05 * wall_m);
+        }
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup(planes_are_trusted_up_to_60_degrees, set_up),
@@ -209,6 +238,7 @@ int main(void) {
         cmocka_unit_test_setup(no_way_is_much_longer_than_the_deepest_sample_is_deep, set_up),
         cmocka_unit_test_setup(a_plane_that_is_hardly_touched_comes_from_afar, set_up),
         cmocka_unit_test_setup(a_plane_is_not_trusted_before_it_is_there, set_up),
+        cmocka_unit_test_setup(a_plane_is_not_trusted_beside_its_facet, set_up),
     };
     return cmocka_run_group_tests(tests, open_block, close_block);
 }

@@ -371,8 +371,9 @@ static void zones_in_conflict_count_by_their_weight(void **state) {
  * by half. One that leads counts for itself alone. */
 static void zones_that_do_not_lead_count_for_those_that_do(void **state) {
     (void)state;
-    const float other[2] = {1.0f, 0.5f}, own[2] = {0.25f, 0.625f}, its[2] = {0.75f, 0.375f};
-    for (int i = 0; i < 2; i++) {
+    const float lead[4] = {0.25f, 0.25f, 0.5f, 0.75f}, other[4] = {1.0f, 0.5f, 1.0f, 1.0f};
+    const float own[4] = {0.5f, 0.75f, 1.0f, 1.0f}, its[4] = {1.0f, 0.5f, 1.0f, 0.5f};
+    for (int i = 0; i < 4; i++) {
         clear(NULL);
         for (uint32_t z = 0; z < 3u; z++) {
             add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 1.0f));
@@ -380,7 +381,7 @@ static void zones_that_do_not_lead_count_for_those_that_do(void **state) {
         }
         relations.part[0][1] = relations.part[1][0] = relations.part[1][2] = relations.part[2][1] = 1.0f;
         relations.part[0][2] = relations.part[2][0] = 0.0f;
-        relations.lead[0] = 0.25f;
+        relations.lead[0] = lead[i];
         relations.lead[1] = other[i];
         assert_int_equal(cr_way_tell_counts(3u, 0u, &relations), 3);
         assert_int_equal(relations.counts_for[0], 3u);

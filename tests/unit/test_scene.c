@@ -439,6 +439,7 @@ static void scene_refuses_every_number_of_meta_outside_its_range(void **state) {
 static void scene_refuses_every_number_of_the_surface_outside_its_range(void **state) {
     (void)state;
     spoil(CR_SEC_FACETS, sizeof(struct cr_img_facet), 4, PLACE);
+    spoil(CR_SEC_FACETS, offsetof(struct cr_img_facet, middle_m), 8, PLACE);
     spoil(CR_SEC_EDGES, 0, 6, PLACE);
     spoil(CR_SEC_EDGES, offsetof(struct cr_img_edge, angle_rad), 1, TURN);
 }
@@ -499,6 +500,8 @@ static void scene_refuses_numbers_that_do_not_fit_the_others(void **state) {
     refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, wxy), -1.0f);
     refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, reach), 1.0f);
     refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, normal), 2.0f);
+    refuse(CR_SEC_FACETS, offsetof(struct cr_img_facet, along), 2.0f);
+    refuse(CR_SEC_FACETS, offsetof(struct cr_img_facet, half_m), -1e-3f);
 }
 
 static void scene_refuses_words_without_meaning(void **state) {

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import spatial
 
 from crease.bake.layout import FACET, KIND
 from crease.bake.surface import Surface
@@ -20,6 +21,33 @@ MERGE_STEPS = 6
 """How often rows are merged more coarsely, until they fit."""
 
 
+def rectangle(normal: F64, points_m: F64) -> tuple[F64, F64, F64]:
+    """The rectangle of least girth round points, seen along a unit normal: its middle, a side's direction, half of each.
+
+    The other side lies along normal x direction; the middle is as far along the normal as the points are on average.
+    Of least area it would be any of three round a triangle.
+    Shapes: points_m (n, 3), in one line or wider; result (3,), (3,), (2,).
+    """
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    frame = np.stack([first, np.cross(normal, first)])
+    flat = points_m @ frame.T
+    try:
+        flat = flat[spatial.ConvexHull(flat).vertices]
+    except spatial.QhullError:  # in one line, or next to it
+        pass
+    sides = np.roll(flat, -1, axis=0) - flat
+    length = np.linalg.norm(sides, axis=1)
+    along = sides[length > 0.0] / length[length > 0.0, None]
+    axes = np.stack([along, along[:, ::-1] * [-1.0, 1.0]], axis=1)
+    ways = axes @ flat.T
+    low, high = ways.min(axis=2), ways.max(axis=2)
+    best = int(np.argmin((high - low).sum(axis=1)))
+    middle = 0.5 * (low[best] + high[best]) @ axes[best] @ frame
+    height = float(points_m.mean(axis=0) @ normal)
+    return middle + height * normal, axes[best, 0] @ frame, 0.5 * (high[best] - low[best])
+
+
 class Kinds:
     """The table of what cells see, without repetition, and the facets it names."""
 
@@ -30,6 +58,7 @@ class Kinds:
         self._rows: list[tuple[int, tuple[int, ...]]] = [(int(lib.CR_KIND_EMPTY), ())]
         self._index: dict[tuple[int, tuple[int, ...]], int] = {self._rows[0]: 0}
         self._planes: list[tuple[F64, int, int]] = []
+        self._facets: list[npt.NDArray[Any]] = []  # those of the mesh that each plane stands for
         self._planar: dict[int, int] = {}
         self._curved: dict[int, int] = {}
         self._local: dict[tuple[int, bytes], int] = {}
@@ -37,27 +66,32 @@ class Kinds:
     def planar(self, facet: int) -> int:
         """Index in the image of a real facet."""
         if facet not in self._planar:
-            self._planar[facet] = len(self._planes)
             patch = int(self._surface.facet_patch[facet])
             what = lib.CR_FACET_OF_CURVED if self.bent[facet] else lib.CR_FACET_FLAT
-            self._planes.append((self._surface.facet_plane[facet], patch, int(what)))
+            plane = self._surface.facet_plane[facet], patch, int(what)
+            self._planar[facet] = self._add(plane, np.array([facet]))
         return self._planar[facet]
 
     def curved(self, patch: int) -> int:
         """Index in the image of the facet that stands for a curved patch."""
         if patch not in self._curved:
-            self._curved[patch] = len(self._planes)
-            mine = self._surface.facet_patch == patch
-            self._planes.append((self._mean(np.flatnonzero(mine)), patch, int(lib.CR_FACET_CURVED)))
+            mine = np.flatnonzero(self._surface.facet_patch == patch)
+            plane = self._mean(mine), patch, int(lib.CR_FACET_CURVED)
+            self._curved[patch] = self._add(plane, mine)
         return self._curved[patch]
 
     def local(self, facets: npt.NDArray[np.int64], patch: int) -> int:
         """Index of the facet that stands for some facets of a curved patch near one cell."""
         key = patch, facets.tobytes()
         if key not in self._local:
-            self._local[key] = len(self._planes)
-            self._planes.append((self._mean(facets), patch, int(lib.CR_FACET_CURVED)))
+            plane = self._mean(facets), patch, int(lib.CR_FACET_CURVED)
+            self._local[key] = self._add(plane, facets)
         return self._local[key]
+
+    def _add(self, plane: tuple[F64, int, int], facets: npt.NDArray[Any]) -> int:
+        self._planes.append(plane)
+        self._facets.append(facets)
+        return len(self._planes) - 1
 
     def _mean(self, facets: npt.NDArray[Any]) -> F64:
         area = self._surface.facet_area_m2[facets][:, None]
@@ -85,13 +119,26 @@ class Kinds:
         for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
             row["normal"], row["offset_m"] = without_dust(np.array(plane[:3]), 1.0), plane[3]
             row["patch"], row["curved"] = patch, curved
+        self._put_rectangles(planes)
         return kinds, planes
+
+    def _put_rectangles(self, planes: npt.NDArray[Any]) -> None:
+        """Where each facet of the image lies in its plane."""
+        mesh, facet_of = self._surface.mesh, self._surface.facet_of
+        order = np.argsort(facet_of, kind="stable")
+        start = np.searchsorted(facet_of[order], np.arange(len(self._surface.facet_patch) + 1))
+        for row, (plane, *_), facets in zip(planes, self._planes, self._facets, strict=True):
+            triangles = np.concatenate([order[start[f] : start[f + 1]] for f in facets])
+            corners = mesh.vertices_m[np.unique(mesh.triangles[triangles])]
+            middle, along, half = rectangle(np.asarray(plane[:3]), corners)
+            row["middle_m"], row["along"], row["half_m"] = middle, without_dust(along, 1.0), half
 
     def merged(self, voxel_m: float) -> npt.NDArray[np.int32]:
         """The new index of every row, after alike rows became one so that at most KINDS_MAX are left.
 
         Rows of MIXED cells are alike when their facets have the same patches, and nearly the same normals and offsets;
-        how nearly is relaxed until the rows fit. Then flat facets of a curved patch stand for the patch.
+        how nearly is relaxed until the rows fit. Then flat facets of a curved patch stand for the patch. A facet that
+        stands for others is where any of them is.
         """
         index = np.arange(len(self._rows), dtype=np.int32)
         for step in range(MERGE_STEPS):
@@ -105,11 +152,16 @@ class Kinds:
             first: dict[Any, int] = {}
             kept: list[tuple[int, tuple[int, ...]]] = []
             place = np.empty(len(keys), np.int32)
+            wider: dict[int, list[int]] = {}
             for i, key in enumerate(keys):
                 if key not in first:
                     first[key] = len(kept)
                     kept.append(self._rows[i] if coarse else self._whole_patch(self._rows[i]))
                 place[i] = first[key]
+                for facet, other in zip(kept[first[key]][1], self._rows[i][1], strict=True):
+                    wider.setdefault(facet, [facet]).append(other)
+            for facet, others in wider.items():
+                self._facets[facet] = np.unique(np.concatenate([self._facets[k] for k in others]))
             self._rows, index = kept, place[index]
             self._index = {row: i for i, row in enumerate(kept)}
         if len(self._rows) > KINDS_MAX:
