@@ -25,7 +25,8 @@
 
 /* Work, in parts of a unit: a side of a surface; a zone that may be that of its lanes, or related to it, and one more; a half-space
  * that they may count for, and again where they do; there the rows of planes that bound them; a lane of a side, one that is asked for a half-space, and twice
- * where it is near another zone, finds its way through a row, or through all, and half of it to be above a row; a plane that is known, one of the half-space,
+ * where it is near another zone, finds its way through a row, or through all, once more where it has to meet a facet, and half of it to be above a row; a facet
+ * that is turned for that; a plane that is known, one of the half-space,
  * and a row that is gone through; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
  * lane that marches. */
 #define PARTS_OF_SIDE 32u
@@ -34,6 +35,7 @@
 #define PARTS_OF_WAYS 32u
 #define PARTS_OF_LANE 4u
 #define PARTS_OF_ROW 6u
+#define PARTS_OF_SHEET 8u
 #define PARTS_OF_EXIT 11u
 #define PARTS_OF_PLACE 20u
 #define PARTS_OF_FIRST 2u
@@ -169,16 +171,16 @@ static inline float meets(const sheet *f, const struct cr_img_cluster *c, int i,
 static void find_trust(const cr_way_survey *s, uint32_t lanes, uint32_t k, float *trust) {
     const cr_way_rest *r = &s->scratch->rest;
     const cr_way_rows *e = &s->scratch->rows;
-    for (int i = 0; i < CR_LANES; i++) {
-        trust[i] = e->trusted[k];
-    }
     if (e->bound[k] == NULL) {
+        for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
+            trust[i] = e->trusted[k];
+        }
         return;
     }
     const sheet facet = sheet_of(s, e->bound[k], r->half->normal);
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float way_m = higher_f(0.0f, -e->height_m[k][i]) / higher_f(e->leaves[k][i], CR_WAY_LEAVES_MIN);
-        trust[i] *= meets(&facet, r->c, i, way_m);
+        trust[i] = e->trusted[k] * meets(&facet, r->c, i, way_m);
     }
 }
 
@@ -322,6 +324,9 @@ static void take_row(const cr_way_survey *s) {
     if (scratch->ways.row == scratch->rows.count) {
         end_ways(s);
         return;
+    }
+    if (scratch->rows.bound[scratch->ways.row] != NULL) {
+        s->work->spent += PARTS_OF_SHEET + PARTS_OF_LANE * cr_count_lanes(s->work->left);
     }
     find_ways(s, s->work->left, &scratch->ways);
     s->work->spent += PARTS_OF_ROW + scratch->ways.parts;

@@ -22,7 +22,7 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
 #define PARTS_OF_REACHED 11u
-#define PARTS_OF_FACET 12u
+#define PARTS_OF_FACET 34u
 #define PARTS_OF_CURVED 12u
 #define PARTS_OF_MADE 24u
 #define PARTS_OF_PLANE 32u

@@ -18,7 +18,7 @@
 #define PARTS_OF_MET 6u
 #define PARTS_OF_SURFACE 12u
 #define PARTS_OF_SHARE 5u
-#define PARTS_OF_FACET 18u
+#define PARTS_OF_FACET 36u
 #define PARTS_OF_MADE 16u
 #define PARTS_OF_TURNED 3u
 #define PARTS_OF_PLANE 10u

@@ -408,7 +408,7 @@ uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *r, uint
 }
 
 uint32_t cr_way_tell_counts(uint32_t count, uint32_t a, cr_way_relations *r) {
-    const float lead = r->lead[a];
+    const float lead = r->lead[a], others = min_f(1.0f, 2.0f - 2.0f * lead);
     float *part = r->part[a], led = 0.0f;
     uint32_t counts = 0u;
     r->counts_for[a] = 1u << a;
@@ -417,7 +417,7 @@ uint32_t cr_way_tell_counts(uint32_t count, uint32_t a, cr_way_relations *r) {
     }
     for (uint32_t b = 0; b < count; b++) {
         led = b == a ? led : max_f(led, part[b] * r->lead[b]);
-        part[b] = min_f(1.0f, 2.0f - 2.0f * lead) * part[b] * r->lead[b];
+        part[b] = others * part[b] * r->lead[b];
     }
     part[a] = 1.0f - max_f(0.0f, 1.0f - 2.0f * lead) * led;
     for (uint32_t b = 0; b < count; b++) {
