@@ -137,3 +137,20 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     *places = looked_at;
     return best;
 }
+
+float cr_way_of_lane(const cr_way_scratch *scratch, int i, float most_m, uint32_t *places) {
+    const cr_way_rest *r = &scratch->rest;
+    const cr_way_rows *e = &scratch->rows;
+    cr_way_exits exits;
+    exits.count = 0u;
+    for (uint32_t k = 0; k < e->count; k++) {
+        if (e->leaves[k][i] > CR_WAY_NO_PLANE) {
+            exits.normal[exits.count] = e->curved[k] ? lane_of(r->normal, i) : e->normal[k];
+            exits.height_m[exits.count] = e->height_m[k][i];
+            exits.leaves[exits.count++] = e->leaves[k][i];
+        }
+    }
+    const float way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits, places)) : most_m;
+    const float sure = cr_way_sure(r->half, scratch->ways.steep[i]);
+    return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(r->gone_m[i], way_m) : way_m;
+}

@@ -1,8 +1,6 @@
 /* layers: what the samples of a cluster are inside of, surface by surface, and how deep. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
-#define EXPLAINS 0.45f
 /* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
 #define WIDTH_MIN 0.25f
 
@@ -218,76 +216,6 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
             fill_lane_over_solid(s, c, i, top, coverage[i], p, h, out, of, &asked);
         }
     }
-}
-
-/* How far the foot of a point on the plane of a facet lies beside the rectangle that the facet is in, m. */
-static float beside_facet(const struct cr_img_facet *f, cr_vec3 p) {
-    const cr_vec3 along = v3_from(f->along), r = v3_sub(p, v3_from(f->middle_m));
-    const float x = max_f(0.0f, abs_f(v3_dot(along, r)) - f->half_m[0]);
-    const float y = max_f(0.0f, abs_f(v3_dot(v3_cross(v3_from(f->normal), along), r)) - f->half_m[1]);
-    return sqrtf(x * x + y * y);
-}
-
-/* Each counts by how much worse than the best it explains the distance. Shapes: off_m[out->count], m. */
-static void share_by(const float *off_m, float most_m, cr_way_facets *out) {
-    float best = 3.4e38f, total = 0.0f;
-    for (uint32_t k = 0; k < out->count; k++) {
-        best = min_f(best, off_m[k]);
-    }
-    for (uint32_t k = 0; k < out->count; k++) {
-        out->share[k] = max_f(0.0f, 1.0f - (off_m[k] - best) / most_m);
-        total += out->share[k];
-    }
-    CR_ASSERT(!(total < 1.0f)); /* the best one counts in full */
-    for (uint32_t k = 0; k < out->count; k++) {
-        out->share[k] /= total;
-    }
-}
-
-/* In a cell of many facets: those whose plane lies as deep as the distance says, and that are there. Where a foot lies beside its facet, the surface is farther off
- * the plane the more it is turned from what is nearest: by the mean normal of those that explain the distance even so. Which way the distance grows
- * does not matter: that turns at once in the middle of a thin wall, and from sample to sample of the image beside it. */
-static void weigh_facets(const cr_scene *s, const struct cr_img_kind *kind, float phi_m, cr_vec3 p,
-                         cr_way_facets *out) {
-    const float least_m = s->meta->error_in_m,
-                most_m = clamp_f(abs_f(phi_m), least_m, max_f(least_m, EXPLAINS * s->meta->voxel_m));
-    float off_m[CR_KIND_FACETS_MAX], beside_m[CR_KIND_FACETS_MAX], worst_m[CR_KIND_FACETS_MAX];
-    cr_vec3 mean = {0.0f, 0.0f, 0.0f};
-    for (uint32_t k = 0; k < out->count; k++) {
-        const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
-        out->normal[k] = v3_from(facet->normal);
-        off_m[k] = abs_f(v3_dot(out->normal[k], p) - facet->offset_m - phi_m);
-        beside_m[k] = beside_facet(facet, p);
-        worst_m[k] = max_f(off_m[k], beside_m[k]);
-    }
-    share_by(worst_m, most_m, out);
-    for (uint32_t k = 0; k < out->count; k++) {
-        mean = v3_mad(mean, out->normal[k], out->share[k]);
-    }
-    for (uint32_t k = 0; k < out->count; k++) {
-        const float turned = min_f(1.0f, v3_norm(v3_sub(mean, out->normal[k])));
-        worst_m[k] = max_f(off_m[k], beside_m[k] * turned);
-    }
-    share_by(worst_m, most_m, out);
-}
-
-void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p, cr_way_facets *out) {
-    const cr_scene *s = f->scene;
-    out->count = 0u;
-    if ((at->entry[lane] & CR_TOP_FAR) != 0u) {
-        return;
-    }
-    const struct cr_img_kind *kind = &s->kinds[cr_field_kind(f, at, lane)];
-    out->count = kind->count;
-    for (uint32_t k = 0; k < kind->count; k++) {
-        out->facet[k] = kind->facet[k];
-    }
-    if (kind->count > 1u) {
-        weigh_facets(s, kind, at->phi_m[lane], p, out);
-        return;
-    }
-    out->normal[0] = v3_unit(v3(at->gx[lane], at->gy[lane], at->gz[lane]), 1e-3f);
-    out->share[0] = 1.0f;
 }
 
 /* A lane inside of a curved surface, which has a normal of its own there. */

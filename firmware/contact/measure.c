@@ -34,6 +34,9 @@
 #define PARTS_OF_AGREED 2u
 #define PARTS_OF_HALVES 4u
 
+/* Lanes that are told in a step what they are over. */
+#define LANES_OF_STEP 4
+
 /* Beside sides of a surface, as bits. */
 #define FELT_ROUND (1u << CR_WAY_SIDES)
 
@@ -262,13 +265,14 @@ static void over_nothing(const cr_way_survey *s, const struct cr_img_cluster *c,
     }
 }
 
-/* What lanes in cells whose distances are not from planes are over. */
-static void share_cells(const cr_way_survey *s, uint32_t lanes) {
+/* What the next lanes in cells whose distances are not from planes are over. */
+static void share_cells(const cr_way_survey *s) {
     const cr_field *f = s->in->field;
     const cr_lookup *look = &s->scratch->look;
     cr_way_shares *on = &s->scratch->shares;
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
+    const uint32_t before = on->count;
+    for (int told = 0; told < LANES_OF_STEP && on->left != 0u; told++) {
+        const int i = take_lane(&on->left);
         cr_way_facets its;
         if ((look->entry[i] & CR_TOP_FAR) != 0u) {
             on->far |= 1u << i;
@@ -285,17 +289,18 @@ static void share_cells(const cr_way_survey *s, uint32_t lanes) {
         }
         s->work->spent += its.count * (2u * PARTS_OF_FACET + on->count) / 2u;
     }
-    s->work->spent += PARTS_OF_MADE * on->count;
+    s->work->spent += PARTS_OF_MADE * (on->count - before);
 }
 
+/* Lanes over one surface, or which of them are to be told, each by itself. */
 static void tell(const cr_way_survey *s, uint32_t lanes) {
     const cr_lookup *look = &s->scratch->look;
     cr_way_shares *on = &s->scratch->shares;
-    on->far = on->count = 0u;
+    on->far = on->count = on->left = 0u;
     on->common = cr_way_common(s->in->field, look, lanes);
     s->work->spent += PARTS_OF_TOLD * cr_count_lanes(lanes);
     if (on->common == CR_WAY_NONE) {
-        share_cells(s, lanes & ~look->on_planes);
+        on->left = lanes & ~look->on_planes;
         return;
     }
     for (int i = 0; i < CR_LANES; i++) {
@@ -365,6 +370,9 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
     } else if (w->known == CR_WAY_LOOKED_UP) {
         w->known = CR_WAY_TOLD;
         tell(s, lanes);
+        return 0;
+    } else if (scratch->shares.left != 0u) {
+        share_cells(s);
         return 0;
     } else {
         over_looked_up(s, c, lanes, cell);

@@ -34,6 +34,9 @@ typedef struct {
     cr_vec3 normal[CR_KIND_FACETS_MAX]; /* world frame, unit: the facet's, or the gradient, which knows how it bends */
 } cr_way_facets;
 
+/* Purpose  how far the foot of a point of the world on the plane of a facet lies beside the rectangle that the facet is in, m. */
+float cr_way_beside(const struct cr_img_facet *facet, cr_vec3 point_world);
+
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
 
 /* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
@@ -150,7 +153,7 @@ uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relatio
                       cr_way_half *halves);
 
 /* Purpose  how far samples of a zone count for which half-spaces, once all have agreed: for their own as it leads or none does that it is related to; for
- *          those, as it does not lead and they do. Half is enough for either: what counts for both is as deep in both.   Output  its part and counts_for.   Returns  zones that it was compared with. */
+ *          those, as it does not lead and they do.   Output  its part and counts_for.   Returns  zones that it was compared with. */
 uint32_t cr_way_tell_counts(uint32_t count, uint32_t zone, cr_way_relations *relations);
 
 /* Purpose  the moment that a half-space shares, once it is known how far all are open.   Output  arm_m. */
@@ -189,14 +192,18 @@ void cr_way_resolve_begin(const cr_vec3 *normal, const float *depth_m, uint32_t 
 /* Purpose  one sweep over them.   Output  1: it was the last, and lambda_m, m, is known; 0: sweep again.   Cost  pairs of those with a depth. */
 int cr_way_resolve_sweep(const float *depth_m, cr_way_along *along, float *lambda_m);
 
+/* Less than any cosine: no plane of this lane. */
+#define CR_WAY_NO_PLANE (-2.0f)
+
 /* What bounds the way along a half-space's normal at the lanes: rows of planes, those that are known and those of the half-space. */
 typedef struct {
     uint32_t count;
     cr_vec3 normal[CR_WAY_EXITS_MAX];
     int curved[CR_WAY_EXITS_MAX];
-    const cr_way_bound *bound[CR_WAY_EXITS_MAX]; /* null: a plane that is known at the lanes */
-    float
-        trusted[CR_WAY_EXITS_MAX]; /* 0..1: how far the plane is known well enough to be left through without a march */
+    uint32_t own;                     /* of these, first, those that are known at the lanes; the others bound them */
+    uint32_t facet[CR_WAY_EXITS_MAX]; /* of a row that bounds them, */
+    float seen
+        [CR_WAY_EXITS_MAX]; /* and 0..1: how far it is known well enough to be left through without a march, where it is */
     float height_m[CR_WAY_EXITS_MAX][CR_LANES];
     float leaves[CR_WAY_EXITS_MAX][CR_LANES];
 } cr_way_rows;
@@ -205,6 +212,7 @@ typedef struct {
 typedef struct {
     uint32_t common; /* the one that all lanes are over, or CR_WAY_NONE: then the others */
     uint32_t far;    /* lanes where no surface is near */
+    uint32_t left;   /* lanes that are not told yet */
     uint32_t count;
     uint32_t surface[CR_WAY_LAYERS_MAX], lanes[CR_WAY_LAYERS_MAX];
     float share[CR_WAY_LAYERS_MAX][CR_LANES];
@@ -216,8 +224,10 @@ typedef struct {
 typedef struct {
     float middle_m[CR_LANES], most_m[CR_LANES], steep[CR_LANES];
     float first_m[CR_LANES], second_m[CR_LANES];
-    uint32_t row;   /* the next one */
-    uint32_t parts; /* of work, of each */
+    uint32_t row;    /* the next one */
+    uint32_t asking; /* lanes that ask how far the rows that bound them are trusted, once all are gone through */
+    uint32_t asked;  /* the next of these */
+    uint32_t parts;  /* of work, of each */
 } cr_way_ways;
 
 /* How lanes that wait are looked at: all of them by a row of planes at a time, or each by all of its exits. */
@@ -313,6 +323,26 @@ typedef struct {
     const cr_lanes3 *normal; /* of the lanes, where a plane is curved */
     float deep_m[CR_LANES];  /* how deep each piece reaches below the first at most; endless where none is known */
 } cr_way_spots;
+
+/* Purpose  the way of a lane in full: anywhere on its piece, and by what a march found as far as no exit is trusted; m, most_m at most.
+ * Output   places that were looked at. */
+float cr_way_of_lane(const cr_way_scratch *scratch, int lane, float most_m, uint32_t *places);
+
+/* Purpose  exits of lanes, but for their heights, where some flat planes and no other bound what they leave, and one of them steeply enough.   Output  height_m and
+ *          exits, none where it is not so.   Returns  whether it is. */
+int cr_way_find_exits(const cr_way_half *half, const cr_way_spots *at, cr_way_rest *rest);
+
+/* Purpose  the rows of planes that bound lanes: those that are known at them, and those of the half-space, but for the known ones. One that a lane is above does not
+ *          bound it, unless the static object surely ends there.   Output  but for lanes that are not asked for. */
+void cr_way_find_rows(const cr_way_half *half, const cr_way_spots *at, uint32_t lanes, cr_way_rows *rows);
+
+/* Purpose  how far some lanes trust a row of planes that bounds them, once all rows are gone through: where the plane goes on and its facet does not, a march
+ *          tells whether the way ends before.   Output  scratch->ways.steep. */
+void cr_way_trust(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_way_scratch *scratch);
+
+/* Purpose  0..1: how far the exit through planes is trusted, the steepest of them so steep; and from which on in full. */
+float cr_way_sure(const cr_way_half *half, float steep);
+float cr_way_trusted(const cr_way_half *half);
 
 /* When the work of a tick is done the rest of a hit waits, but something of it is done in each. */
 static inline int cr_way_waits(const cr_way_survey *s) {

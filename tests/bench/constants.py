@@ -73,8 +73,8 @@ GIVEN = {
 BY_INSTRUCTIONS = ("CR_PARTS_OF_", "PARTS_OF_", "PAIRS_OF_")
 """Begins of names: parts of a unit of work stand for instructions, `make wcet` and tests/check/test_work_units.py."""
 WAY_FILES = {
-    *("answer.c", "depth_along.c", "exits.c", "gather.c", "layers.c", "measure.c", "relate.c"),
-    *("resolve.c", "way_out.h"),
+    *("answer.c", "depth_along.c", "exits.c", "facets.c", "gather.c", "layers.c", "measure.c"),
+    *("relate.c", "resolve.c", "rows.c", "way_out.h"),
 }
 GOLDEN = {"way_out": way_golden, "extent": extent_golden}
 EXACT = {"way_out": bench.EXACT, "extent": extent_golden.EXACT}
