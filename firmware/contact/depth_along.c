@@ -24,8 +24,8 @@
 #define PARTS_OF_LANE 4u
 #define PARTS_OF_ROW 6u
 #define PARTS_OF_MEETS 10u
-#define PARTS_OF_EXIT 11u
-#define PARTS_OF_PLACE 20u
+#define PARTS_OF_EXIT 13u
+#define PARTS_OF_PLACE 23u
 #define PARTS_OF_FIRST 2u
 #define PARTS_OF_MARCH 64u
 #define PARTS_OF_MARCHING 4u

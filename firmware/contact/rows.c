@@ -28,7 +28,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
         const cr_way_bound *q = &half->bounds[b];
         /* A plane that is hardly touched yet is hardly left through: it comes from afar, and where no other is steep a march tells the way until it is there. */
         const float seen = q->weight_m3 / (SEEN * half->weight_m3);
-        const float leaves = v3_dot(q->normal, half->normal) * q->part * min_f(1.0f, seen);
+        const float leaves = v3_dot(q->normal, half->normal) * q->part * lower_f(1.0f, seen);
         if (is_known(at, q->facet) || !(leaves > CR_WAY_LEAVES_MIN)) {
             continue;
         }
@@ -74,7 +74,7 @@ int cr_way_find_exits(const cr_way_half *half, const cr_way_spots *at, cr_way_re
         r->height_m[k] = at->planes[k].height_m;
         out->normal[k] = at->planes[k].normal;
         out->leaves[k] = v3_dot(at->planes[k].normal, half->normal);
-        steep = max_f(steep, out->leaves[k]);
+        steep = higher_f(steep, out->leaves[k]);
     }
     out->count = at->count > 1u && half->curved_m3 <= 0.0f && steep >= STEEP ? at->count : 0u;
     return out->count > 0u;
@@ -114,7 +114,7 @@ void cr_way_trust(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_w
 float cr_way_trusted(const cr_way_half *half) { return half->curved_m3 > 0.0f ? STEEP_CURVED : STEEP; }
 
 float cr_way_sure(const cr_way_half *half, float steep) {
-    const float curved = min_f(1.0f, half->curved_m3 / (CURVED * half->weight_m3));
+    const float curved = lower_f(1.0f, half->curved_m3 / (CURVED * half->weight_m3));
     const float flat = clamp_f((steep - CR_WAY_STEEP_MIN) / (STEEP - CR_WAY_STEEP_MIN), 0.0f, 1.0f);
     const float beside = clamp_f((steep - STEEP_MIN_CURVED) / (STEEP_CURVED - STEEP_MIN_CURVED), 0.0f, 1.0f);
     return flat + curved * (beside - flat);

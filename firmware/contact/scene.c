@@ -490,20 +490,3 @@ const char *cr_err_text(cr_err err) {
     int index = -(int)err;
     return index >= 0 && index < (int)(sizeof text / sizeof text[0]) ? text[index] : "unknown error";
 }
-
-uint32_t cr_pair_label(const cr_scene *s, uint32_t a, uint32_t b) {
-    CR_ASSERT(a != b);
-    const uint32_t first = a < b ? a : b, second = a < b ? b : a;
-    uint32_t low = 0u, high = s->pair_count;
-    while (low < high) {
-        const uint32_t mid = low + (high - low) / 2u;
-        const struct cr_img_pair *p = &s->pairs[mid];
-        if (p->first < first || (p->first == first && p->second < second)) {
-            low = mid + 1u;
-        } else {
-            high = mid;
-        }
-    }
-    return low < s->pair_count && s->pairs[low].first == first && s->pairs[low].second == second ? s->pairs[low].label
-                                                                                                 : 0u;
-}
