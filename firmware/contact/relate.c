@@ -33,7 +33,7 @@
 /* Zones that hold less than this share of their half-space do not lead it: it has its weight from others, which lead their own. */
 #define MINOR 0.1f
 /* Lead from which on samples of a zone count in full for their own half-space, whatever they count for others: what belongs to two in part is as deep in one of
- * them. At 1 a flat block over a step of 0.5 mm is 17 % short: tests/property/test_found_by_steps.py. */
+ * them. At 1 a flat block over a step of 0.5 mm is 17 % short: tests/property/test_found_beside_facets.py. */
 #define OWN_FULL 0.667f
 /* Most sweeps of the projection into the cone of normals: it ends when no part moves by 1e-6 of the sum. */
 #define SWEEPS 32
