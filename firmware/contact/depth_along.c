@@ -13,10 +13,9 @@
 
 /* Work, in parts of a unit: a side of a surface; a zone that may be that of its lanes, or related to it, and one more; a half-space
  * that they may count for, and again where they do; there the rows of planes that bound them; a lane of a side, one that is asked for a half-space, and twice
- * where it is near another zone, finds its way through a row, or through all, once more where it has to meet a facet, and half of it to be above a row; a facet
- * that is turned for that; a plane that is known, one of the half-space,
- * and a row that is gone through; an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each
- * lane that marches. */
+ * where it is near another zone, finds its way through a row, or through all, and half of it to be above a row; a plane that is known, one of the half-space,
+ * and a row that is gone through, or asked how far it is trusted, or the end of all; a lane that asks; an exit of a lane that waits, a place on its piece that is
+ * looked at, and each exit from there; a step of a march, and each lane that marches. */
 #define PARTS_OF_SIDE 32u
 #define PARTS_OF_ZONE 4u
 #define PARTS_OF_HALF 24u

@@ -47,7 +47,7 @@ GIVEN = {
     "scene.c": "limits of the format: SPEC.md",
     "published.c": "the method as published",
     "NEVER_M": "no length",
-    "NO_PLANE": "no cosine",
+    "CR_WAY_NO_PLANE": "no cosine",
     "NOWHERE": "no height",
     "NO_SPREAD": "no spread",
     "CR_WAKE_NOW": "no distance",
@@ -66,6 +66,7 @@ GIVEN = {
     "ODOMETER_MAX_M": "the last bit of an odometer",
     "BOX_MAX": "work, no answer",
     "RIVALS_MAX": "work",
+    "LANES_OF_STEP": "how finely work is cut",
     "CR_WORK_PARTS": "how finely work is counted",
     "CR_WAY_BOUNDS_MAX": "a capacity",
 }

@@ -106,7 +106,7 @@ static void planes_are_turned_of_kinds_that_have_them(void **state) {
     at.r1 = v3_scale(at.r1, 2.0f);
     at.r2 = v3_scale(at.r2, 2.0f);
     STOPS_IN("planes.c", cr_planes_turn(&rig.scene, &at, rig.scene.kind_count - 1u, &planes));
-    STOPS_IN("scene.c", (void)cr_pair_label(&rig.scene, 1u, 1u));
+    STOPS_IN("field.c", (void)cr_pair_label(&rig.scene, 1u, 1u));
     crt_close(&rig);
 }
 

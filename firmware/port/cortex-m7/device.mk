@@ -33,7 +33,7 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 
 # Set-up, frames and what is done once a period or an answer, which no search waits for; of the coupling what stands between lookups, or takes as long either way: small, not fast.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
-# Of these, what no lane passes through.
+# Of these, what costs little, smaller still.
 $(RARE_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os -fno-move-loop-invariants,$(LEVEL))
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
