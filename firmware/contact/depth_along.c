@@ -102,8 +102,8 @@ static void find_ways(const cr_way_rest *r, uint32_t lanes, const cr_way_rows *e
     }
 }
 
-/* Is a lane, by all rows, deeper than what is known? */
-static inline int may_be_deeper(const cr_way_rest *r, const cr_way_ways *w, int i) {
+/* May a lane be, by all rows, deeper than what is known? */
+static inline int lane_is_deeper(const cr_way_rest *r, const cr_way_ways *w, int i) {
     const float far = FAR_MAX * r->half->deep_m + r->c->ramp[i];
     return r->part[i] * lower_f(far, w->most_m[i]) > r->half->depth_m;
 }
@@ -176,7 +176,7 @@ static void end_ways(const cr_way_survey *s) {
         plain |= (uint32_t)alone << i;
     }
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
-        left |= (uint32_t)may_be_deeper(r, w, i) << i;
+        left |= (uint32_t)lane_is_deeper(r, w, i) << i;
         steep |= (uint32_t)(w->steep[i] >= trusted) << i;
     }
     left &= lanes & ~plain;
@@ -204,7 +204,7 @@ static void take_row(const cr_way_survey *s) {
         s->work->spent += w->parts;
     } else if (w->asking != 0u && w->asked < e->count) {
         s->work->spent += PARTS_OF_MEETS * cr_count_lanes(w->asking);
-        cr_way_trust(s->in, w->asking, w->asked++, s->scratch);
+        cr_way_trust(s->in, w->asking, w->asked++, scratch);
     } else {
         end_ways(s);
     }

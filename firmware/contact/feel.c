@@ -290,8 +290,11 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 
 /* What the contact in hand does at this pose. */
 static void feel(cr_world *w, float period_s, cr_output *out) {
-    const moment m = {w, cr_xform_from_pose(&w->felt.pose), cr_xform_from_pose(&w->previous),
-                      w->has_previous != 0u ? 1.0f / max_f(period_s, PERIOD_MIN_S) : 0.0f};
+    moment m;
+    m.w = w;
+    m.now = cr_xform_from_pose(&w->felt.pose);
+    m.before = cr_xform_from_pose(&w->previous);
+    m.per_s = w->has_previous != 0u ? 1.0f / max_f(period_s, PERIOD_MIN_S) : 0.0f;
     if (out->stats.late_ticks > 0u) {
         push_late(&m, out);
     } else {

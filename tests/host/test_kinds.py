@@ -87,7 +87,7 @@ def test_the_rectangle_of_a_triangle_does_not_depend_on_how_it_lies() -> None:
 
 
 def test_the_rectangle_of_a_sliver_is_its_line() -> None:
-    line = np.outer([0.0, 1.0, 0.25], [0.0, 0.01, 0.0]) + [0.5, 0.0, 0.0]
+    line = np.array([0.5, 0.0, 0.0]) + np.outer([0.0, 1.0, 0.25], [0.0, 0.01, 0.0])
     middle, along, half = rectangle(np.array([0.0, 0.0, 1.0]), line)
     np.testing.assert_allclose(middle, [0.5, 0.005, 0.0], atol=1e-15)
     np.testing.assert_allclose(np.abs(along), [0.0, 1.0, 0.0], atol=1e-15)

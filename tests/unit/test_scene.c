@@ -1,5 +1,4 @@
-/* Opening an image: a valid one is taken, every kind of damage has its own code, and nothing is written on failure. What opens in
- * spite of a flipped bit is the matter of test_bitflips. */
+/* Opening an image: a valid one is taken, damage of each kind has its own code, nothing is written on failure. Flipped bits: test_bitflips. */
 #include "image_builder.h"
 
 #include <math.h>
@@ -10,9 +9,8 @@
 
 #include <cmocka.h>
 
-static uint8_t *good;
+static uint8_t *good, *damaged;
 static uint32_t good_size;
-static uint8_t *damaged;
 
 /* A small image with a tree of two levels, and room for a damaged copy. */
 static int make_image(void **state) {

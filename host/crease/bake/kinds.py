@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ MERGE_STEPS = 6
 
 
 def rectangle(normal: F64, points_m: F64) -> tuple[F64, F64, F64]:
-    """The rectangle of least girth round points, seen along a unit normal: its middle, a side's direction, half of each.
+    """The rectangle of least girth round points, seen along a unit normal: middle, a side's direction, half of each.
 
     The other side lies along normal x direction; the middle is as far along the normal as the points are on average.
     Of least area it would be any of three round a triangle.
@@ -32,10 +33,8 @@ def rectangle(normal: F64, points_m: F64) -> tuple[F64, F64, F64]:
     first /= np.linalg.norm(first)
     frame = np.stack([first, np.cross(normal, first)])
     flat = points_m @ frame.T
-    try:
+    with contextlib.suppress(spatial.QhullError):  # in one line, or next to it
         flat = flat[spatial.ConvexHull(flat).vertices]
-    except spatial.QhullError:  # in one line, or next to it
-        pass
     sides = np.roll(flat, -1, axis=0) - flat
     length = np.linalg.norm(sides, axis=1)
     along = sides[length > 0.0] / length[length > 0.0, None]
