@@ -41,22 +41,25 @@ static void clear_output(cr_output *out) {
 /* Shorter periods are no clock's: velocities stay finite for any two poses that are allowed. */
 #define PERIOD_MIN_S 1e-9f
 
-/* Velocity of the tool's material point at p, from the last pose to this one. */
-static cr_vec3 velocity_at(const cr_world *w, const xform *now, cr_vec3 p_world, float period_s) {
-    if (!w->has_previous) {
-        return v3(0.0f, 0.0f, 0.0f);
-    }
-    xform before = cr_xform_from_pose(&w->previous);
-    cr_vec3 p_tool = xform_unrotate(now, v3_sub(p_world, now->t));
-    return v3_scale(v3_sub(p_world, cr_xform_point(&before, p_tool)), 1.0f / max_f(period_s, PERIOD_MIN_S));
+/* A tick as its areas are felt: where the tool is and was before, and one over the time between, 1/s; 0 when it was nowhere. */
+typedef struct {
+    const cr_world *w;
+    xform now, before;
+    float per_s;
+} moment;
+
+/* How fast the point of the tool that is there moves, m/s. */
+static cr_vec3 velocity_at(const moment *m, cr_vec3 p_world) {
+    const cr_vec3 p_tool = xform_unrotate(&m->now, v3_sub(p_world, m->now.t));
+    return v3_scale(v3_sub(p_world, cr_xform_point(&m->before, p_tool)), m->per_s);
 }
 
 /* Spring and damper along the normal of an area that is felt to a share; it pushes or does nothing. */
-static void push(const cr_world *w, const xform *now, float period_s, float share, cr_area *area) {
-    float force = w->config.stiffness_N_m * area->depth_m;
-    if (w->config.damping_Ns_m > 0.0f) {
-        cr_vec3 v = velocity_at(w, now, area->point_world_m, period_s);
-        force -= w->config.damping_Ns_m * share * v3_dot(v, area->normal_world);
+static void push(const moment *m, float share, cr_area *area) {
+    const cr_config *config = &m->w->config;
+    float force = config->stiffness_N_m * area->depth_m;
+    if (config->damping_Ns_m > 0.0f && m->per_s > 0.0f) {
+        force -= config->damping_Ns_m * share * v3_dot(velocity_at(m, area->point_world_m), area->normal_world);
     }
     area->force_world_N = v3_scale(area->normal_world, max_f(0.0f, force));
 }
@@ -220,9 +223,8 @@ void cr_world_clear_fault(cr_world *world) {
 
 /* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of
  * its plane there is no area in this tick; the next one may be in it again. */
-static void push_held(const cr_world *w, const xform *now, float period_s, const cr_held *h, float share,
-                      cr_output *out) {
-    const cr_vec3 p = cr_xform_point(now, h->point_tool_m);
+static void push_held(const moment *m, const cr_held *h, float share, cr_output *out) {
+    const cr_vec3 p = cr_xform_point(&m->now, h->point_tool_m);
     const float depth_m = cr_held_depth(h, p);
     if (depth_m <= 0.0f) {
         return;
@@ -238,25 +240,26 @@ static void push_held(const cr_world *w, const xform *now, float period_s, const
     a->offset_m = h->offset_m;
     a->area_m2 = h->area_m2;
     a->zone_count = 0u;
-    push(w, now, period_s, share, a);
+    push(m, share, a);
 }
 
 /* The contact in hand, and what falls behind it. */
-static void push_late(const cr_world *w, const xform *now, float period_s, cr_output *out) {
+static void push_late(const moment *m, cr_output *out) {
+    const cr_world *w = m->w;
     const float share = share_of_hand(w, w->felt.stamp);
     for (uint32_t i = 0; i < w->hand.count; i++) {
-        push_held(w, now, period_s, &w->hand.held[i], share, out);
+        push_held(m, &w->hand.held[i], share, out);
     }
     for (uint32_t i = 0; i < w->behind.count && share < 1.0f; i++) {
-        push_held(w, now, period_s, &w->behind.held[i], w->behind.share[i] * (1.0f - share), out);
+        push_held(m, &w->behind.held[i], w->behind.share[i] * (1.0f - share), out);
     }
 }
 
 /* The contact of this pose: out->areas hold it. */
-static void push_whole(const cr_world *w, const xform *now, float period_s, cr_output *out) {
-    out->area_count = w->hand.count;
+static void push_whole(const moment *m, cr_output *out) {
+    out->area_count = m->w->hand.count;
     for (uint32_t i = 0; i < out->area_count; i++) {
-        push(w, now, period_s, 1.0f, &out->areas[i]);
+        push(m, 1.0f, &out->areas[i]);
     }
 }
 
@@ -287,14 +290,18 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 
 /* What the contact in hand does at this pose. */
 static void feel(cr_world *w, float period_s, cr_output *out) {
-    const xform now = cr_xform_from_pose(&w->felt.pose);
+    moment m;
+    m.w = w;
+    m.now = cr_xform_from_pose(&w->felt.pose);
+    m.before = cr_xform_from_pose(&w->previous);
+    m.per_s = w->has_previous != 0u ? 1.0f / max_f(period_s, PERIOD_MIN_S) : 0.0f;
     if (out->stats.late_ticks > 0u) {
-        push_late(w, &now, period_s, out);
+        push_late(&m, out);
     } else {
-        push_whole(w, &now, period_s, out);
+        push_whole(&m, out);
     }
     if (out->area_count > 0u) {
-        sum_areas(w, &now, out);
+        sum_areas(w, &m.now, out);
     }
 }
 
