@@ -46,16 +46,16 @@ typedef struct {
     const cr_world *w;
     xform now, before;
     float per_s;
-} moment;
+} instant;
 
 /* How fast the point of the tool that is there moves, m/s. */
-static cr_vec3 velocity_at(const moment *m, cr_vec3 p_world) {
+static cr_vec3 velocity_at(const instant *m, cr_vec3 p_world) {
     const cr_vec3 p_tool = xform_unrotate(&m->now, v3_sub(p_world, m->now.t));
     return v3_scale(v3_sub(p_world, cr_xform_point(&m->before, p_tool)), m->per_s);
 }
 
 /* Spring and damper along the normal of an area that is felt to a share; it pushes or does nothing. */
-static void push(const moment *m, float share, cr_area *area) {
+static void push(const instant *m, float share, cr_area *area) {
     const cr_config *config = &m->w->config;
     float force = config->stiffness_N_m * area->depth_m;
     if (config->damping_Ns_m > 0.0f && m->per_s > 0.0f) {
@@ -223,7 +223,7 @@ void cr_world_clear_fault(cr_world *world) {
 
 /* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of
  * its plane there is no area in this tick; the next one may be in it again. */
-static void push_held(const moment *m, const cr_held *h, float share, cr_output *out) {
+static void push_held(const instant *m, const cr_held *h, float share, cr_output *out) {
     const cr_vec3 p = cr_xform_point(&m->now, h->point_tool_m);
     const float depth_m = cr_held_depth(h, p);
     if (depth_m <= 0.0f) {
@@ -244,7 +244,7 @@ static void push_held(const moment *m, const cr_held *h, float share, cr_output 
 }
 
 /* The contact in hand, and what falls behind it. */
-static void push_late(const moment *m, cr_output *out) {
+static void push_late(const instant *m, cr_output *out) {
     const cr_world *w = m->w;
     const float share = share_of_hand(w, w->felt.stamp);
     for (uint32_t i = 0; i < w->hand.count; i++) {
@@ -256,7 +256,7 @@ static void push_late(const moment *m, cr_output *out) {
 }
 
 /* The contact of this pose: out->areas hold it. */
-static void push_whole(const moment *m, cr_output *out) {
+static void push_whole(const instant *m, cr_output *out) {
     out->area_count = m->w->hand.count;
     for (uint32_t i = 0; i < out->area_count; i++) {
         push(m, 1.0f, &out->areas[i]);
@@ -290,7 +290,7 @@ int cr_accept(cr_world *w, const cr_pose *world_from_tool, float period_s, cr_ou
 
 /* What the contact in hand does at this pose. */
 static void feel(cr_world *w, float period_s, cr_output *out) {
-    moment m;
+    instant m;
     m.w = w;
     m.now = cr_xform_from_pose(&w->felt.pose);
     m.before = cr_xform_from_pose(&w->previous);

@@ -136,7 +136,7 @@ def test_another_rounding_gives_another_hash(tmp_path: Path) -> None:
         shutil.copytree(ROOT / "firmware", folder, ignore=shutil.ignore_patterns("port", "rivals"))
         if name == "off by one":
             feel = folder / "contact/feel.c"
-            text, exact = feel.read_text("utf-8"), "config.stiffness_N_m * area->depth_m"
+            text, exact = feel.read_text("utf-8"), "config->stiffness_N_m * area->depth_m"
             assert text.count(exact) == 1
             feel.write_text(text.replace(exact, exact + " * 1.0000001f"), "utf-8")
         parts = [ROOT / f"tests/check/{part}.c" for part in ("replay_hash", "job", "blob")]
