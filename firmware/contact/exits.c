@@ -150,7 +150,7 @@ float cr_way_of_lane(const cr_way_scratch *scratch, int i, float most_m, uint32_
             exits.leaves[exits.count++] = e->leaves[k][i];
         }
     }
-    const float way_m = exits.count > 0u ? lower_f(most_m, cr_way_longest(r->c, i, &exits, places)) : most_m;
+    const float way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits, places)) : most_m;
     const float sure = cr_way_sure(r->half, scratch->ways.steep[i]);
-    return sure < 1.0f ? sure * way_m + (1.0f - sure) * lower_f(r->gone_m[i], way_m) : way_m;
+    return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(r->gone_m[i], way_m) : way_m;
 }

@@ -1,13 +1,21 @@
 /* facets: which facets of a cell a sample is over, and how far. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to this share of a voxel. */
+/* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to its own depth, and no
+ * more than this share of a voxel. */
 #define EXPLAINS 0.45f
 
-float cr_way_beside(const struct cr_img_facet *f, cr_vec3 p) {
-    const cr_vec3 along = v3_from(f->along), r = v3_sub(p, v3_from(f->middle_m));
-    const float x = higher_f(0.0f, abs_f(v3_dot(along, r)) - f->half_m[0]);
-    const float y = higher_f(0.0f, abs_f(v3_dot(v3_cross(v3_from(f->normal), along), r)) - f->half_m[1]);
+/* How far a number lies outside of a range. */
+static float outside(float v, float low, float high) { return higher_f(0.0f, higher_f(low - v, v - high)); }
+
+float cr_way_beside(const cr_scene *s, uint32_t facet, cr_vec3 p) {
+    if (facet >= s->rectangle_count) {
+        return 0.0f;
+    }
+    const struct cr_img_rectangle *r = &s->rectangles[facet];
+    const cr_vec3 along = v3_from_16(r->along), across = v3_cross(v3_from(s->facets[facet].normal), along);
+    const float x = outside(v3_dot(along, p), r->low_m[0], r->high_m[0]);
+    const float y = outside(v3_dot(across, p), r->low_m[1], r->high_m[1]);
     return sqrtf(x * x + y * y);
 }
 
@@ -31,7 +39,7 @@ static void share_by(float most_m, cr_way_facets *out) {
  * the plane the more it is turned from what is nearest: by the mean normal of those that explain the distance even so. Which way the distance grows
  * does not matter: that turns at once in the middle of a thin wall, and from sample to sample of the image beside it. */
 static void weigh_facets(const cr_scene *s, float phi_m, cr_vec3 p, cr_way_facets *out) {
-    const float least_m = s->meta->error_in_m;
+    const float least_m = higher_f(s->meta->error_in_m, 1e-9f); /* a divisor */
     const float most_m = clamp_f(abs_f(phi_m), least_m, higher_f(least_m, EXPLAINS * s->meta->voxel_m));
     float off_m[CR_KIND_FACETS_MAX], beside_m[CR_KIND_FACETS_MAX];
     cr_vec3 mean = {0.0f, 0.0f, 0.0f};
@@ -39,7 +47,7 @@ static void weigh_facets(const cr_scene *s, float phi_m, cr_vec3 p, cr_way_facet
         const struct cr_img_facet *facet = &s->facets[out->facet[k]];
         out->normal[k] = v3_from(facet->normal);
         off_m[k] = abs_f(v3_dot(out->normal[k], p) - facet->offset_m - phi_m);
-        beside_m[k] = cr_way_beside(facet, p);
+        beside_m[k] = cr_way_beside(s, out->facet[k], p);
         out->share[k] = higher_f(off_m[k], beside_m[k]);
     }
     share_by(most_m, out);

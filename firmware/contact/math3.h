@@ -93,6 +93,11 @@ static inline cr_vec3 v3(float x, float y, float z) {
     return r;
 }
 static inline cr_vec3 v3_from(const float a[3]) { return v3(a[0], a[1], a[2]); }
+/* Of 16 bits: 32,767 is 1. */
+static inline cr_vec3 v3_from_16(const int16_t a[3]) {
+    const float one = 1.0f / 32767.0f;
+    return v3((float)a[0] * one, (float)a[1] * one, (float)a[2] * one);
+}
 static inline cr_vec3 v3_add(cr_vec3 a, cr_vec3 b) { return v3(a.x + b.x, a.y + b.y, a.z + b.z); }
 static inline cr_vec3 v3_sub(cr_vec3 a, cr_vec3 b) { return v3(a.x - b.x, a.y - b.y, a.z - b.z); }
 static inline cr_vec3 v3_scale(cr_vec3 a, float s) { return v3(a.x * s, a.y * s, a.z * s); }

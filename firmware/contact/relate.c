@@ -419,7 +419,7 @@ uint32_t cr_way_tell_counts(uint32_t count, uint32_t a, cr_way_relations *r) {
         return 0u;
     }
     for (uint32_t b = 0; b < count; b++) {
-        led = b == a ? led : higher_f(led, part[b] * r->lead[b]);
+        led = b == a ? led : max_f(led, part[b] * r->lead[b]);
         part[b] = (1.0f - lead) * part[b] * r->lead[b];
     }
     part[a] = 1.0f - higher_f(0.0f, 1.0f - lead * (1.0f / OWN_FULL)) * led;

@@ -74,34 +74,67 @@ static const void *find_section(const uint8_t *image, uint32_t size_bytes, uint3
     return image + s->offset;
 }
 
+/* Bytes of an element of each section, in the order of their ids. */
+static const uint16_t strides[CR_SEC_COUNT] = {sizeof(struct cr_img_meta),
+                                               4u,
+                                               sizeof(struct cr_img_brick),
+                                               2u,
+                                               2u,
+                                               sizeof(struct cr_img_kind),
+                                               sizeof(struct cr_img_facet),
+                                               sizeof(struct cr_img_pair),
+                                               sizeof(struct cr_img_edge),
+                                               sizeof(struct cr_img_cluster),
+                                               sizeof(struct cr_img_sum),
+                                               sizeof(struct cr_img_group),
+                                               4u,
+                                               sizeof(struct cr_img_neighbour),
+                                               sizeof(struct cr_img_rectangle)};
+
 static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
-    uint32_t metas = 0u, tops = 0u, starts = 0u, sums = 0u;
-    s->meta = find_section(image, size, CR_SEC_META, sizeof(struct cr_img_meta), &metas);
-    s->top = find_section(image, size, CR_SEC_TOP, 4u, &tops);
-    s->bricks = find_section(image, size, CR_SEC_BRICKS, sizeof(struct cr_img_brick), &s->brick_count);
-    s->samples = find_section(image, size, CR_SEC_SAMPLES, 2u, &s->sample_count);
-    s->cells = find_section(image, size, CR_SEC_CELLS, 2u, &s->cell_count);
-    s->kinds = find_section(image, size, CR_SEC_KINDS, sizeof(struct cr_img_kind), &s->kind_count);
-    s->facets = find_section(image, size, CR_SEC_FACETS, sizeof(struct cr_img_facet), &s->facet_count);
-    s->pairs = find_section(image, size, CR_SEC_PAIRS, sizeof(struct cr_img_pair), &s->pair_count);
-    s->edges = find_section(image, size, CR_SEC_EDGES, sizeof(struct cr_img_edge), &s->edge_count);
-    s->clusters = find_section(image, size, CR_SEC_CLUSTERS, sizeof(struct cr_img_cluster), &s->cluster_count);
-    s->sums = find_section(image, size, CR_SEC_SUMS, sizeof(struct cr_img_sum), &sums);
-    s->groups = find_section(image, size, CR_SEC_GROUPS, sizeof(struct cr_img_group), &s->group_count);
-    s->adj_start = find_section(image, size, CR_SEC_ADJ_START, 4u, &starts);
-    s->adj = find_section(image, size, CR_SEC_ADJ, sizeof(struct cr_img_neighbour), &s->adj_count);
-    if (s->meta == NULL || s->top == NULL || s->bricks == NULL || s->samples == NULL || s->cells == NULL ||
-        s->kinds == NULL || s->facets == NULL || s->pairs == NULL || s->edges == NULL || s->clusters == NULL ||
-        s->sums == NULL || s->groups == NULL || s->adj_start == NULL || s->adj == NULL) {
-        return CR_ERR_SECTION;
+    const void *at[CR_SEC_COUNT + 1];
+    uint32_t count[CR_SEC_COUNT + 1];
+    for (uint32_t id = 1u; id <= CR_SEC_COUNT; id++) {
+        at[id] = find_section(image, size, id, strides[id - 1u], &count[id]);
+        if (at[id] == NULL) {
+            return CR_ERR_SECTION;
+        }
     }
-    if (metas != 1u || s->sample_count < 8u || s->kind_count < 1u || s->brick_count < 1u || s->cluster_count < 1u ||
-        s->group_count < 1u || sums != s->cluster_count || starts != s->cluster_count + 1u) {
+    s->meta = at[CR_SEC_META];
+    s->top = at[CR_SEC_TOP];
+    s->bricks = at[CR_SEC_BRICKS];
+    s->samples = at[CR_SEC_SAMPLES];
+    s->cells = at[CR_SEC_CELLS];
+    s->kinds = at[CR_SEC_KINDS];
+    s->facets = at[CR_SEC_FACETS];
+    s->pairs = at[CR_SEC_PAIRS];
+    s->edges = at[CR_SEC_EDGES];
+    s->clusters = at[CR_SEC_CLUSTERS];
+    s->sums = at[CR_SEC_SUMS];
+    s->groups = at[CR_SEC_GROUPS];
+    s->adj_start = at[CR_SEC_ADJ_START];
+    s->adj = at[CR_SEC_ADJ];
+    s->rectangles = at[CR_SEC_RECTANGLES];
+    s->brick_count = count[CR_SEC_BRICKS];
+    s->sample_count = count[CR_SEC_SAMPLES];
+    s->cell_count = count[CR_SEC_CELLS];
+    s->kind_count = count[CR_SEC_KINDS];
+    s->facet_count = count[CR_SEC_FACETS];
+    s->pair_count = count[CR_SEC_PAIRS];
+    s->edge_count = count[CR_SEC_EDGES];
+    s->cluster_count = count[CR_SEC_CLUSTERS];
+    s->group_count = count[CR_SEC_GROUPS];
+    s->adj_count = count[CR_SEC_ADJ];
+    s->rectangle_count = count[CR_SEC_RECTANGLES];
+    if (count[CR_SEC_META] != 1u || s->sample_count < 8u || s->kind_count < 1u || s->brick_count < 1u ||
+        s->cluster_count < 1u || s->group_count < 1u || count[CR_SEC_SUMS] != s->cluster_count ||
+        count[CR_SEC_ADJ_START] != s->cluster_count + 1u) {
         return CR_ERR_SECTION;
     }
     uint64_t cells = (uint64_t)s->meta->dims[0] * s->meta->dims[1];
     if (s->meta->dims[0] > 65536u || s->meta->dims[1] > 65536u || s->meta->dims[2] > 65536u ||
-        cells * s->meta->dims[2] != tops || tops == 0u || cells * s->meta->dims[2] > 0x7fffffffu) {
+        cells * s->meta->dims[2] != count[CR_SEC_TOP] || count[CR_SEC_TOP] == 0u ||
+        cells * s->meta->dims[2] > 0x7fffffffu) {
         return CR_ERR_SECTION;
     }
     return CR_OK;
@@ -245,10 +278,16 @@ static cr_err check_kind(const cr_scene *s, uint32_t index) {
 static cr_err check_facet(const cr_scene *s, uint32_t index) {
     const struct cr_img_facet *f = &s->facets[index];
     if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > CR_FACET_OF_CURVED ||
-        !floats_are_finite(f->middle_m, 3) || !is_unit(f->along) || !all_in(f->half_m, 2, 0.0f, VALUE_MAX)) {
+        (f->curved == CR_FACET_CURVED) != (index >= s->rectangle_count)) {
         return CR_ERR_VALUE;
     }
     return f->patch >= s->meta->patch_count ? CR_ERR_INDEX : CR_OK;
+}
+
+static cr_err check_rectangle(const cr_scene *s, uint32_t index) {
+    const struct cr_img_rectangle *r = &s->rectangles[index];
+    return floats_are_finite(r->low_m, 4) && r->low_m[0] <= r->high_m[0] && r->low_m[1] <= r->high_m[1] ? CR_OK
+                                                                                                        : CR_ERR_VALUE;
 }
 
 static cr_err check_pair(const cr_scene *s, uint32_t index) {
@@ -278,6 +317,9 @@ static cr_err check_features(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->facet_count && err == CR_OK; i++) {
         err = check_facet(s, i);
+    }
+    for (uint32_t i = 0; i < s->rectangle_count && err == CR_OK; i++) {
+        err = check_rectangle(s, i);
     }
     for (uint32_t i = 0; i < s->pair_count && err == CR_OK; i++) {
         err = check_pair(s, i);

@@ -180,13 +180,6 @@ static void change_table(uint8_t *data, uint64_t *seed) {
     }
 }
 
-static void make_unit(float *v) {
-    const double n = hypot(hypot((double)v[0], (double)v[1]), (double)v[2]);
-    for (int a = 0; a < 3 && n > 0.0 && isfinite(n); a++) {
-        v[a] = (float)((double)v[a] / n);
-    }
-}
-
 /* What is asked of an image beyond single values: unit normals, sums of clusters, the checksum. */
 static void repair(uint8_t *data, size_t size, uint64_t *seed) {
     struct cr_img_header *h = (struct cr_img_header *)(void *)data;
@@ -195,8 +188,18 @@ static void repair(uint8_t *data, size_t size, uint64_t *seed) {
     for (uint32_t i = 0; at != NULL && stride == sizeof(struct cr_img_facet) && i < count && crf_random(seed, 8u) > 0u;
          i++) {
         struct cr_img_facet *f = (struct cr_img_facet *)(void *)at + i;
-        make_unit(f->normal);
-        make_unit(f->along);
+        const double n = hypot(hypot((double)f->normal[0], (double)f->normal[1]), (double)f->normal[2]);
+        for (int a = 0; a < 3 && n > 0.0 && isfinite(n); a++) {
+            f->normal[a] = (float)((double)f->normal[a] / n);
+        }
+    }
+    at = elements_of(data, size, CR_SEC_RECTANGLES, &count, &stride);
+    for (uint32_t i = 0; at != NULL && stride == sizeof(struct cr_img_rectangle) && i < count; i++) {
+        struct cr_img_rectangle *r = (struct cr_img_rectangle *)(void *)at + i;
+        const double n = hypot(hypot((double)r->along[0], (double)r->along[1]), (double)r->along[2]);
+        for (int a = 0; a < 3 && n > 0.0; a++) {
+            r->along[a] = (int16_t)lrint(32767.0 * (double)r->along[a] / n);
+        }
     }
     uint8_t *shell = elements_of(data, size, CR_SEC_CLUSTERS, &clusters, &stride);
     const int whole = shell != NULL && stride == sizeof(struct cr_img_cluster);

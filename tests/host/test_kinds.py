@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.bake.kinds import Probes, distance_from_planes, rectangle
+from crease.bake.kinds import SHORT_ONE, Probes, distance_from_planes, rectangle
 
 F64 = npt.NDArray[np.float64]
 
@@ -58,6 +58,10 @@ def test_rows_of_probes_agree_when_none_of_them_is_off(off_m: float, kept: int) 
     assert probes.agreeing(-1.0, PLANES, np.array([4, 1])).tolist() == []
 
 
+def sides_m(low_m: F64, high_m: F64) -> F64:
+    return np.asarray(np.sort(high_m - low_m))
+
+
 def test_the_rectangle_of_a_facet_holds_it_and_is_that_of_least_girth() -> None:
     rng = np.random.default_rng(5)
     for _ in range(20):
@@ -67,12 +71,13 @@ def test_the_rectangle_of_a_facet_holds_it_and_is_that_of_least_girth() -> None:
         inside = rng.uniform(-1.0, 1.0, (30, 2)) * half
         flat = np.vstack([inside, half * [[1, 1], [1, -1], [-1, 1], [-1, -1]]])
         points = np.column_stack([flat, np.zeros(len(flat))]) @ turn.T + shift
-        middle, along, found = rectangle(turn[:, 2], points)
-        np.testing.assert_allclose(middle, shift, atol=1e-12)
-        np.testing.assert_allclose(np.sort(found), np.sort(half), rtol=1e-9)
-        other = np.cross(turn[:, 2], along)
-        at = (points - middle) @ np.column_stack([along, other])
-        assert (np.abs(at) <= found * (1 + 1e-9)).all()
+        along, low, high = rectangle(turn[:, 2], points)
+        side = along / SHORT_ONE
+        assert abs(np.linalg.norm(side) - 1.0) < 5e-5 and abs(side @ turn[:, 2]) < 5e-5
+        # As far as the direction is rounded, which turns the other side by as much.
+        np.testing.assert_allclose(sides_m(low, high), np.sort(2.0 * half), atol=5e-6)
+        at = points @ np.column_stack([side, np.cross(turn[:, 2], side)])
+        assert ((at >= low) & (at <= high)).all()
 
 
 def test_the_rectangle_of_a_triangle_does_not_depend_on_how_it_lies() -> None:
@@ -82,13 +87,14 @@ def test_the_rectangle_of_a_triangle_does_not_depend_on_how_it_lies() -> None:
     for _ in range(50):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.linalg.det(turn)
-        half = rectangle(turn[:, 2], corners @ turn.T)[2]
-        np.testing.assert_allclose(np.sort(half), [5e-3 * 5**0.5, 3e-2 * 5**-0.5], rtol=1e-9)
+        low, high = rectangle(turn[:, 2], corners @ turn.T)[1:]
+        wanted = [1e-2 * 5**0.5, 6e-2 * 5**-0.5]
+        np.testing.assert_allclose(sides_m(low, high), wanted, atol=5e-6)
 
 
 def test_the_rectangle_of_a_sliver_is_its_line() -> None:
     line = np.array([0.5, 0.0, 0.0]) + np.outer([0.0, 1.0, 0.25], [0.0, 0.01, 0.0])
-    middle, along, half = rectangle(np.array([0.0, 0.0, 1.0]), line)
-    np.testing.assert_allclose(middle, [0.5, 0.005, 0.0], atol=1e-15)
-    np.testing.assert_allclose(np.abs(along), [0.0, 1.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(half, [0.005, 0.0], atol=1e-15)
+    along, low, high = rectangle(np.array([0.0, 0.0, 1.0]), line)
+    np.testing.assert_allclose(np.abs(along), [0, SHORT_ONE, 0])
+    np.testing.assert_allclose(sides_m(low, high), [0.0, 0.01], atol=1e-15)
+    np.testing.assert_allclose(np.abs(low + high), [0.01, 1.0], atol=1e-15)

@@ -205,8 +205,8 @@ static void a_plane_is_not_trusted_beside_its_facet(void **state) {
     const double cosine = 0.25, sine = sqrt(1.0 - cosine * cosine), away_m = 8e-3;
     const double beside[4] = {0.0, 1.0, 2.0 - 0.4 / sine, 2.1}, trust[4] = {1.0, 1.0, 0.5, 0.0};
     const struct cr_img_cluster *c = &rig.scene.clusters[floor_cluster];
-    struct cr_img_facet *wall = (struct cr_img_facet *)crt_section(rig.image, CR_SEC_FACETS) + WALL;
-    const struct cr_img_facet whole = *wall;
+    struct cr_img_rectangle *wall = (struct cr_img_rectangle *)crt_section(rig.image, CR_SEC_RECTANGLES) + WALL;
+    const struct cr_img_rectangle whole = *wall;
     const double reach_m = (double)(CR_WAY_REACH * c->ramp[0]);
     half.bound_count = 1u;
     half.bounds[0] = (cr_way_bound){.facet = WALL, .normal = {1.0f, 0.0f, 0.0f}, .part = 1.0f, .sure = 1u};
@@ -214,11 +214,11 @@ static void a_plane_is_not_trusted_beside_its_facet(void **state) {
     half.bounds[0].weight_m3 = half.weight_m3;
     for (int axis = 0; axis < 2; axis++) {
         for (int i = 0; i < 4; i++) {
-            wall->along[0] = wall->along[2] = 0.0f;
-            wall->along[1] = 1.0f;
-            wall->half_m[axis] = 1e-3f;
-            wall->middle_m[1 + axis] = axis == 0 ? c->y[0] : (float)(-FIELD_M + away_m * cosine / sine);
-            wall->middle_m[1 + axis] += (axis == 0 ? 1.0f : -1.0f) * (1e-3f + (float)(beside[i] * reach_m));
+            const float there_m = axis == 0 ? c->y[0] : (float)(-FIELD_M + away_m * cosine / sine);
+            wall->along[0] = wall->along[2] = 0;
+            wall->along[1] = 32767;
+            wall->low_m[axis] = axis == 0 ? there_m + (float)(beside[i] * reach_m) : -1.0f;
+            wall->high_m[axis] = axis == 0 ? 1.0f : there_m - (float)(beside[i] * reach_m);
             const double march_m = FIELD_M / cosine, wall_m = away_m / sine;
             const double depth_m = depth_of(cosine, 1u, FIELD_M, 10e-3);
             *wall = whole;

@@ -1,4 +1,4 @@
-"""What cells of the voxmap see: the tables KINDS and FACETS of the image, and distances from planes."""
+"""What cells of the voxmap see: the tables KINDS, FACETS and RECTANGLES of the image, and distances from planes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import spatial
 
-from crease.bake.layout import FACET, KIND
+from crease.bake.layout import FACET, KIND, RECTANGLE
 from crease.bake.surface import Surface
 from crease.bake.vectors import without_dust
 from crease.base.native import ffi, lib
@@ -18,16 +18,18 @@ F64 = npt.NDArray[np.float64]
 
 KINDS_MAX = 0x10000
 """Rows that an entry of a cell table can tell apart."""
+SHORT_ONE = 32767.0
+"""What a number of 16 bits counts as 1."""
 MERGE_STEPS = 6
 """How often rows are merged more coarsely, until they fit."""
 
 
-def rectangle(normal: F64, points_m: F64) -> tuple[F64, F64, F64]:
-    """The rectangle of least girth round points, seen along a unit normal: middle, a side's direction, half of each.
+def rectangle(normal: F64, points_m: F64) -> tuple[npt.NDArray[np.int16], F64, F64]:
+    """The rectangle of least girth round points, seen along a unit normal: a side's direction, from where to where.
 
-    The other side lies along normal x direction; the middle is as far along the normal as the points are on average.
-    Of least area it would be any of three round a triangle.
-    Shapes: points_m (n, 3), in one line or wider; result (3,), (3,), (2,).
+    Of least area it would be any of three round a triangle. The direction is a unit vector times SHORT_ONE; ranges are
+    along it as it is rounded, and along normal x direction.
+    Shapes: points_m (n, 3), in one line or wider; result (3,), (2,), (2,).
     """
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first /= np.linalg.norm(first)
@@ -40,11 +42,12 @@ def rectangle(normal: F64, points_m: F64) -> tuple[F64, F64, F64]:
     along = sides[length > 0.0] / length[length > 0.0, None]
     axes = np.stack([along, along[:, ::-1] * [-1.0, 1.0]], axis=1)
     ways = axes @ flat.T
-    low, high = ways.min(axis=2), ways.max(axis=2)
-    best = int(np.argmin((high - low).sum(axis=1)))
-    middle = 0.5 * (low[best] + high[best]) @ axes[best] @ frame
-    height = float(points_m.mean(axis=0) @ normal)
-    return middle + height * normal, axes[best, 0] @ frame, 0.5 * (high[best] - low[best])
+    girth = (ways.max(axis=2) - ways.min(axis=2)).sum(axis=1)
+    best = int(np.argmax(girth < girth.min() * (1.0 + 1e-9)))  # the first of those that are as good
+    short = np.rint(SHORT_ONE * (axes[best, 0] @ frame)).astype(np.int16)
+    side = short / SHORT_ONE
+    reached = points_m @ np.stack([side, np.cross(normal, side)]).T
+    return short, reached.min(axis=0), reached.max(axis=0)
 
 
 class Kinds:
@@ -108,29 +111,35 @@ class Kinds:
             self._rows.append(key)
         return self._index[key]
 
-    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """The image sections KINDS and FACETS."""
+    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+        """The image sections KINDS, FACETS and RECTANGLES: facets that do not stand for others come first."""
+        single = [k for k in range(len(self._planes)) if not self.is_curved(k)]
+        order = single + [k for k in range(len(self._planes)) if self.is_curved(k)]
+        place = np.argsort(order)
         kinds = np.zeros(len(self._rows), KIND)
         for row, (kind, facets) in zip(kinds, self._rows, strict=True):
             row["kind"], row["count"] = kind, len(facets)
-            row["facet"][: len(facets)] = facets
-        planes = np.zeros(len(self._planes), FACET)
-        for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
+            row["facet"][: len(facets)] = place[list(facets)]
+        planes = np.zeros(len(order), FACET)
+        for row, index in zip(planes, order, strict=True):
+            plane, row["patch"], row["curved"] = self._planes[index]
             row["normal"], row["offset_m"] = without_dust(np.array(plane[:3]), 1.0), plane[3]
-            row["patch"], row["curved"] = patch, curved
-        self._put_rectangles(planes)
-        return kinds, planes
+        return kinds, planes, self._rectangles(single)
 
-    def _put_rectangles(self, planes: npt.NDArray[Any]) -> None:
-        """Where each facet of the image lies in its plane."""
+    def _rectangles(self, order: list[int]) -> npt.NDArray[Any]:
+        """Where facets of the image lie in their planes."""
         mesh, facet_of = self._surface.mesh, self._surface.facet_of
-        order = np.argsort(facet_of, kind="stable")
-        start = np.searchsorted(facet_of[order], np.arange(len(self._surface.facet_patch) + 1))
-        for row, (plane, *_), facets in zip(planes, self._planes, self._facets, strict=True):
-            triangles = np.concatenate([order[start[f] : start[f + 1]] for f in facets])
-            corners = mesh.vertices_m[np.unique(mesh.triangles[triangles])]
-            middle, along, half = rectangle(np.asarray(plane[:3]), corners)
-            row["middle_m"], row["along"], row["half_m"] = middle, without_dust(along, 1.0), half
+        by_facet = np.argsort(facet_of, kind="stable")
+        start = np.searchsorted(
+            facet_of[by_facet], np.arange(len(self._surface.facet_patch) + 1)
+        )
+        rows = np.zeros(len(order), RECTANGLE)
+        for row, index in zip(rows, order, strict=True):
+            triangles = [by_facet[start[f] : start[f + 1]] for f in self._facets[index]]
+            corners = mesh.vertices_m[np.unique(mesh.triangles[np.concatenate(triangles)])]
+            normal = np.asarray(self._planes[index][0][:3])
+            row["along"], row["low_m"], row["high_m"] = rectangle(normal, corners)
+        return rows
 
     def merged(self, voxel_m: float) -> npt.NDArray[np.int32]:
         """The new index of every row, after alike rows became one so that at most KINDS_MAX are left.
@@ -160,7 +169,9 @@ class Kinds:
                 for facet, other in zip(kept[first[key]][1], self._rows[i][1], strict=True):
                     wider.setdefault(facet, [facet]).append(other)
             for facet, others in wider.items():
-                self._facets[facet] = np.unique(np.concatenate([self._facets[k] for k in others]))
+                self._facets[facet] = np.unique(
+                    np.concatenate([self._facets[k] for k in set(others)])
+                )
             self._rows, index = kept, place[index]
             self._index = {row: i for i, row in enumerate(kept)}
         if len(self._rows) > KINDS_MAX:
