@@ -85,7 +85,8 @@ void cr_way_find_rows(const cr_way_half *half, const cr_way_spots *at, uint32_t 
     add_bounds(half, at, lanes, e);
 }
 
-/* How far a sample meets a facet after a way: 1 where its piece reaches it, 0 from twice as far beside the rectangle of the facet. */
+/* How far a sample meets a facet after a way (as long as it is taken to be, by the part that the plane has in the half-space): 1 where its piece reaches the
+ * facet, 0 from twice as far beside its rectangle. */
 static float meets(const cr_respond_input *in, uint32_t facet, const struct cr_img_cluster *c, int i, cr_vec3 way_m) {
     const cr_vec3 gone = v3_add(v3(c->x[i], c->y[i], c->z[i]), way_m);
     const float reach_m = CR_WAY_REACH * c->ramp[i] + c->reach[i];

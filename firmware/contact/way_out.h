@@ -153,8 +153,8 @@ int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *relations, uint32_t index,
                       cr_way_half *halves);
 
-/* Purpose  how far samples of a zone count for which half-spaces, once all have agreed: for their own as it leads or none does that it is related to; for
- *          those, as it does not lead and they do.   Output  its part and counts_for.   Returns  zones that it was compared with. */
+/* Purpose  how far samples of a zone count for which half-spaces, once all have agreed: for their own in full from OWN_FULL of a lead on or where none leads
+ *          that it is related to; for those, as it does not lead and they do.   Output  its part and counts_for.   Returns  zones that it was compared with. */
 uint32_t cr_way_tell_counts(uint32_t count, uint32_t zone, cr_way_relations *relations);
 
 /* Purpose  the moment that a half-space shares, once it is known how far all are open.   Output  arm_m. */
@@ -221,7 +221,7 @@ typedef struct {
 } cr_way_shares;
 
 /* Of each lane, by the rows that were gone through: the way to the first exit from its middle, the most it may be from anywhere on its piece, how steep the
- * steepest exit is, and the two least that exits may be anywhere on the piece. */
+ * steepest exit that is trusted is, and the two least that exits may be anywhere on the piece. */
 typedef struct {
     float middle_m[CR_LANES], most_m[CR_LANES], steep[CR_LANES];
     float first_m[CR_LANES], second_m[CR_LANES];

@@ -73,7 +73,8 @@ def test_the_rectangle_of_a_facet_holds_it_and_is_that_of_least_girth() -> None:
         points = np.column_stack([flat, np.zeros(len(flat))]) @ turn.T + shift
         along, low, high = rectangle(turn[:, 2], points)
         side = along / SHORT_ONE
-        assert abs(np.linalg.norm(side) - 1.0) < 5e-5 and abs(side @ turn[:, 2]) < 5e-5
+        assert abs(np.linalg.norm(side) - 1.0) < 5e-5
+        assert abs(side @ turn[:, 2]) < 5e-5
         # As far as the direction is rounded, which turns the other side by as much.
         np.testing.assert_allclose(sides_m(low, high), np.sort(2.0 * half), atol=5e-6)
         at = points @ np.column_stack([side, np.cross(turn[:, 2], side)])

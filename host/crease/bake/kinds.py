@@ -130,9 +130,7 @@ class Kinds:
         """Where facets of the image lie in their planes."""
         mesh, facet_of = self._surface.mesh, self._surface.facet_of
         by_facet = np.argsort(facet_of, kind="stable")
-        start = np.searchsorted(
-            facet_of[by_facet], np.arange(len(self._surface.facet_patch) + 1)
-        )
+        start = np.searchsorted(facet_of[by_facet], np.arange(len(self._surface.facet_patch) + 1))
         rows = np.zeros(len(order), RECTANGLE)
         for row, index in zip(rows, order, strict=True):
             triangles = [by_facet[start[f] : start[f + 1]] for f in self._facets[index]]
