@@ -74,24 +74,23 @@ static const void *find_section(const uint8_t *image, uint32_t size_bytes, uint3
     return image + s->offset;
 }
 
-/* Bytes of an element of each section, in the order of their ids. */
-static const uint16_t strides[CR_SEC_COUNT] = {sizeof(struct cr_img_meta),
-                                               4u,
-                                               sizeof(struct cr_img_brick),
-                                               2u,
-                                               2u,
-                                               sizeof(struct cr_img_kind),
-                                               sizeof(struct cr_img_facet),
-                                               sizeof(struct cr_img_pair),
-                                               sizeof(struct cr_img_edge),
-                                               sizeof(struct cr_img_cluster),
-                                               sizeof(struct cr_img_sum),
-                                               sizeof(struct cr_img_group),
-                                               4u,
-                                               sizeof(struct cr_img_neighbour),
-                                               sizeof(struct cr_img_rectangle)};
-
 static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
+    /* Bytes of an element of each, in the order of their ids. */
+    static const uint16_t strides[CR_SEC_COUNT] = {sizeof(struct cr_img_meta),
+                                                   4u,
+                                                   sizeof(struct cr_img_brick),
+                                                   2u,
+                                                   2u,
+                                                   sizeof(struct cr_img_kind),
+                                                   sizeof(struct cr_img_facet),
+                                                   sizeof(struct cr_img_pair),
+                                                   sizeof(struct cr_img_edge),
+                                                   sizeof(struct cr_img_cluster),
+                                                   sizeof(struct cr_img_sum),
+                                                   sizeof(struct cr_img_group),
+                                                   4u,
+                                                   sizeof(struct cr_img_neighbour),
+                                                   sizeof(struct cr_img_rectangle)};
     const void *at[CR_SEC_COUNT + 1];
     uint32_t count[CR_SEC_COUNT + 1];
     for (uint32_t id = 1u; id <= CR_SEC_COUNT; id++) {
