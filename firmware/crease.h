@@ -67,21 +67,20 @@ const char *cr_err_text(cr_err err);
  * Filled by cr_scene_open only; layout in image.h, bytes in SPEC.md. */
 typedef struct {
     const struct cr_img_meta *meta;
-    const uint32_t *top;                       /* [dims[2]][dims[1]][dims[0]] of meta: near brick index or far bound */
-    const struct cr_img_brick *bricks;         /* [brick_count] */
-    const int16_t *samples;                    /* [sample_count] */
-    const uint16_t *cells;                     /* [cell_count] */
-    const struct cr_img_kind *kinds;           /* [kind_count] */
-    const struct cr_img_facet *facets;         /* [facet_count] */
-    const struct cr_img_rectangle *rectangles; /* [rectangle_count], of the first facets */
-    const struct cr_img_pair *pairs;           /* [pair_count], sorted */
-    const struct cr_img_edge *edges;           /* [edge_count] creases */
-    const struct cr_img_cluster *clusters;     /* [cluster_count] */
-    const struct cr_img_sum *sums;             /* [cluster_count] */
-    const struct cr_img_group *groups;         /* [group_count], root first */
-    const uint32_t *adj_start;                 /* [cluster_count + 1] */
-    const struct cr_img_neighbour *adj;        /* [adj_count] */
-    uint32_t brick_count, sample_count, cell_count, kind_count, facet_count, rectangle_count, pair_count, edge_count;
+    const uint32_t *top;                   /* [dims[2]][dims[1]][dims[0]] of meta: near brick index or far bound */
+    const struct cr_img_brick *bricks;     /* [brick_count] */
+    const int16_t *samples;                /* [sample_count] */
+    const uint16_t *cells;                 /* [cell_count] */
+    const struct cr_img_kind *kinds;       /* [kind_count] */
+    const struct cr_img_facet *facets;     /* [facet_count] */
+    const struct cr_img_pair *pairs;       /* [pair_count], sorted */
+    const struct cr_img_edge *edges;       /* [edge_count] creases */
+    const struct cr_img_cluster *clusters; /* [cluster_count] */
+    const struct cr_img_sum *sums;         /* [cluster_count] */
+    const struct cr_img_group *groups;     /* [group_count], root first */
+    const uint32_t *adj_start;             /* [cluster_count + 1] */
+    const struct cr_img_neighbour *adj;    /* [adj_count] */
+    uint32_t brick_count, sample_count, cell_count, kind_count, facet_count, pair_count, edge_count;
     uint32_t cluster_count, group_count, adj_count;
 } cr_scene;
 

@@ -8,14 +8,10 @@
 /* How far a number lies outside of a range. */
 static float outside(float v, float low, float high) { return higher_f(0.0f, higher_f(low - v, v - high)); }
 
-float cr_way_beside(const cr_scene *s, uint32_t facet, cr_vec3 p) {
-    if (facet >= s->rectangle_count) {
-        return 0.0f;
-    }
-    const struct cr_img_rectangle *r = &s->rectangles[facet];
-    const cr_vec3 along = v3_from_16(r->along), across = v3_cross(v3_from(s->facets[facet].normal), along);
-    const float x = outside(v3_dot(along, p), r->low_m[0], r->high_m[0]);
-    const float y = outside(v3_dot(across, p), r->low_m[1], r->high_m[1]);
+float cr_way_beside(const struct cr_img_facet *f, cr_vec3 p) {
+    const cr_vec3 along = v3_from_16(f->along), across = v3_cross(v3_from(f->normal), along);
+    const float x = outside(v3_dot(along, p), f->low_m[0], f->high_m[0]);
+    const float y = outside(v3_dot(across, p), f->low_m[1], f->high_m[1]);
     return sqrtf(x * x + y * y);
 }
 
@@ -47,7 +43,7 @@ static void weigh_facets(const cr_scene *s, float phi_m, cr_vec3 p, cr_way_facet
         const struct cr_img_facet *facet = &s->facets[out->facet[k]];
         out->normal[k] = v3_from(facet->normal);
         off_m[k] = abs_f(v3_dot(out->normal[k], p) - facet->offset_m - phi_m);
-        beside_m[k] = cr_way_beside(s, out->facet[k], p);
+        beside_m[k] = cr_way_beside(facet, p);
         out->share[k] = higher_f(off_m[k], beside_m[k]);
     }
     share_by(most_m, out);

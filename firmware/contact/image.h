@@ -23,8 +23,7 @@ enum {
     CR_SEC_GROUPS = 12,
     CR_SEC_ADJ_START = 13,
     CR_SEC_ADJ = 14,
-    CR_SEC_RECTANGLES = 15,
-    CR_SEC_COUNT = 15
+    CR_SEC_COUNT = 14
 };
 
 struct cr_img_header {
@@ -120,26 +119,21 @@ enum {
 #define CR_KIND_FACETS_MAX 6u
 
 struct cr_img_kind {
-    uint32_t kind;
-    uint32_t count;                     /* facets used */
+    uint16_t kind;
+    uint16_t count;                     /* facets used */
     uint32_t facet[CR_KIND_FACETS_MAX]; /* index into facets[] */
 };
 
 /* A plane; one that stands for a curved patch, only nominal; a plane of a curved patch, as at a crease: zones are those of the patch. */
 enum { CR_FACET_FLAT = 0u, CR_FACET_CURVED = 1u, CR_FACET_OF_CURVED = 2u };
 
-/* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. Facets that are not CR_FACET_CURVED come first. */
+/* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. Seen along the normal it lies in a rectangle. */
 struct cr_img_facet {
     float normal[3];
     float offset_m;
-    uint32_t patch;  /* smooth piece of the surface it belongs to */
-    uint32_t curved; /* CR_FACET_* */
-};
-
-/* Where a facet that is not CR_FACET_CURVED lies in its plane: row i is of facets[i]. */
-struct cr_img_rectangle {
-    int16_t along[3]; /* one side of it, across the normal: a unit vector times 32,767 */
-    uint16_t pad;
+    uint32_t patch;            /* smooth piece of the surface it belongs to */
+    uint16_t curved;           /* CR_FACET_* */
+    int16_t along[3];          /* one side of the rectangle, across the normal: a unit vector times 32,767 */
     float low_m[2], high_m[2]; /* from where to where it reaches, along that and along normal x along */
 };
 

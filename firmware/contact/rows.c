@@ -87,16 +87,17 @@ void cr_way_find_rows(const cr_way_half *half, const cr_way_spots *at, uint32_t 
 
 /* How far a sample meets a facet after a way (as long as it is taken to be, by the part that the plane has in the half-space): 1 where its piece reaches the
  * facet, 0 from twice as far beside its rectangle. */
-static float meets(const cr_respond_input *in, uint32_t facet, const struct cr_img_cluster *c, int i, cr_vec3 way_m) {
+static float meets(const cr_respond_input *in, const struct cr_img_facet *facet, const struct cr_img_cluster *c, int i,
+                   cr_vec3 way_m) {
     const cr_vec3 gone = v3_add(v3(c->x[i], c->y[i], c->z[i]), way_m);
     const float reach_m = CR_WAY_REACH * c->ramp[i] + c->reach[i];
-    return clamp_f(2.0f - cr_way_beside(in->field->scene, facet, cr_xform_point(in->world_from_tool, gone)) / reach_m,
-                   0.0f, 1.0f);
+    return clamp_f(2.0f - cr_way_beside(facet, cr_xform_point(in->world_from_tool, gone)) / reach_m, 0.0f, 1.0f);
 }
 
 void cr_way_trust(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_way_scratch *scratch) {
     const cr_way_rest *r = &scratch->rest;
     const cr_way_rows *e = &scratch->rows;
+    const struct cr_img_facet *facet = &in->field->scene->facets[e->facet[row]];
     float *steep = scratch->ways.steep;
     CR_ASSERT(!(row < e->own) && e->facet[row] < in->field->scene->facet_count);
     while (lanes != 0u) {
@@ -104,7 +105,7 @@ void cr_way_trust(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_w
         const float leaves = e->leaves[row][i];
         if (e->seen[row] * leaves > steep[i]) {
             const float way_m = higher_f(0.0f, -e->height_m[row][i]) / leaves;
-            const float trust = e->seen[row] * meets(in, e->facet[row], r->c, i, v3_scale(r->half->normal, way_m));
+            const float trust = e->seen[row] * meets(in, facet, r->c, i, v3_scale(r->half->normal, way_m));
             steep[i] = higher_f(steep[i], trust * leaves);
         }
     }

@@ -89,8 +89,7 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
                                                    sizeof(struct cr_img_sum),
                                                    sizeof(struct cr_img_group),
                                                    4u,
-                                                   sizeof(struct cr_img_neighbour),
-                                                   sizeof(struct cr_img_rectangle)};
+                                                   sizeof(struct cr_img_neighbour)};
     const void *at[CR_SEC_COUNT + 1];
     uint32_t count[CR_SEC_COUNT + 1];
     for (uint32_t id = 1u; id <= CR_SEC_COUNT; id++) {
@@ -113,7 +112,6 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
     s->groups = at[CR_SEC_GROUPS];
     s->adj_start = at[CR_SEC_ADJ_START];
     s->adj = at[CR_SEC_ADJ];
-    s->rectangles = at[CR_SEC_RECTANGLES];
     s->brick_count = count[CR_SEC_BRICKS];
     s->sample_count = count[CR_SEC_SAMPLES];
     s->cell_count = count[CR_SEC_CELLS];
@@ -124,7 +122,6 @@ static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
     s->cluster_count = count[CR_SEC_CLUSTERS];
     s->group_count = count[CR_SEC_GROUPS];
     s->adj_count = count[CR_SEC_ADJ];
-    s->rectangle_count = count[CR_SEC_RECTANGLES];
     if (count[CR_SEC_META] != 1u || s->sample_count < 8u || s->kind_count < 1u || s->brick_count < 1u ||
         s->cluster_count < 1u || s->group_count < 1u || count[CR_SEC_SUMS] != s->cluster_count ||
         count[CR_SEC_ADJ_START] != s->cluster_count + 1u) {
@@ -277,16 +274,10 @@ static cr_err check_kind(const cr_scene *s, uint32_t index) {
 static cr_err check_facet(const cr_scene *s, uint32_t index) {
     const struct cr_img_facet *f = &s->facets[index];
     if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > CR_FACET_OF_CURVED ||
-        (f->curved == CR_FACET_CURVED) != (index >= s->rectangle_count)) {
+        !floats_are_finite(f->low_m, 4) || f->low_m[0] > f->high_m[0] || f->low_m[1] > f->high_m[1]) {
         return CR_ERR_VALUE;
     }
     return f->patch >= s->meta->patch_count ? CR_ERR_INDEX : CR_OK;
-}
-
-static cr_err check_rectangle(const cr_scene *s, uint32_t index) {
-    const struct cr_img_rectangle *r = &s->rectangles[index];
-    return floats_are_finite(r->low_m, 4) && r->low_m[0] <= r->high_m[0] && r->low_m[1] <= r->high_m[1] ? CR_OK
-                                                                                                        : CR_ERR_VALUE;
 }
 
 static cr_err check_pair(const cr_scene *s, uint32_t index) {
@@ -316,9 +307,6 @@ static cr_err check_features(const cr_scene *s) {
     }
     for (uint32_t i = 0; i < s->facet_count && err == CR_OK; i++) {
         err = check_facet(s, i);
-    }
-    for (uint32_t i = 0; i < s->rectangle_count && err == CR_OK; i++) {
-        err = check_rectangle(s, i);
     }
     for (uint32_t i = 0; i < s->pair_count && err == CR_OK; i++) {
         err = check_pair(s, i);

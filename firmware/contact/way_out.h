@@ -34,9 +34,8 @@ typedef struct {
     cr_vec3 normal[CR_KIND_FACETS_MAX]; /* world frame, unit: the facet's, or the gradient, which knows how it bends */
 } cr_way_facets;
 
-/* Purpose  how far the foot of a point of the world on the plane of a facet lies beside the rectangle that the facet is in, m: 0 if it
- *          stands for others. */
-float cr_way_beside(const cr_scene *scene, uint32_t facet, cr_vec3 point_world);
+/* Purpose  how far the foot of a point of the world on the plane of a facet lies beside the rectangle that the facet is in, m. */
+float cr_way_beside(const struct cr_img_facet *facet, cr_vec3 point_world);
 
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
 

@@ -193,14 +193,6 @@ static void repair(uint8_t *data, size_t size, uint64_t *seed) {
             f->normal[a] = (float)((double)f->normal[a] / n);
         }
     }
-    at = elements_of(data, size, CR_SEC_RECTANGLES, &count, &stride);
-    for (uint32_t i = 0; at != NULL && stride == sizeof(struct cr_img_rectangle) && i < count; i++) {
-        struct cr_img_rectangle *r = (struct cr_img_rectangle *)(void *)at + i;
-        const double n = hypot(hypot((double)r->along[0], (double)r->along[1]), (double)r->along[2]);
-        for (int a = 0; a < 3 && n > 0.0; a++) {
-            r->along[a] = (int16_t)lrint(32767.0 * (double)r->along[a] / n);
-        }
-    }
     uint8_t *shell = elements_of(data, size, CR_SEC_CLUSTERS, &clusters, &stride);
     const int whole = shell != NULL && stride == sizeof(struct cr_img_cluster);
     uint8_t *sums = elements_of(data, size, CR_SEC_SUMS, &count, &stride);

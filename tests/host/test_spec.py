@@ -49,7 +49,7 @@ def spec_records() -> Records:
 
 RECORDS = spec_records()
 HERE = ("cr_img_header", "cr_img_section", "cr_img_meta", "cr_img_brick", "cr_img_kind")
-THERE = ("facet", "rectangle", "pair", "edge", "cluster", "sum", "group", "neighbour")
+THERE = ("facet", "pair", "edge", "cluster", "sum", "group", "neighbour")
 
 
 def test_spec_has_a_table_for_every_record() -> None:
@@ -320,15 +320,15 @@ def test_distances_come_from_the_page_alone(scene_crs: Path, spec_image: SpecIma
 
 def test_rectangles_hold_their_facets_and_no_more(spec_image: SpecImage) -> None:
     """Of the six faces of the block: 80 x 80 x 40 mm."""
-    facets, rectangles = spec_image.part["FACETS"], spec_image.part["RECTANGLES"]
-    assert len(facets) == len(rectangles) == 6
+    facets = spec_image.part["FACETS"]
+    assert len(facets) == 6
     corners = np.array(
         [[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04) for z in (-0.04, 0)]
     )
-    for facet, row in zip(facets, rectangles, strict=True):
-        mine = corners[np.abs(corners @ facet["normal"] - facet["offset_m"]) < 1e-6]
+    for row in facets:
+        mine = corners[np.abs(corners @ row["normal"] - row["offset_m"]) < 1e-6]
         along = row["along"] / 32767.0
-        at = mine @ np.stack([along, np.cross(facet["normal"], along)]).T
+        at = mine @ np.stack([along, np.cross(row["normal"], along)]).T
         np.testing.assert_allclose(row["low_m"], at.min(axis=0), atol=1e-8)
         np.testing.assert_allclose(row["high_m"], at.max(axis=0), atol=1e-8)
         sides = np.sort(row["high_m"] - row["low_m"])

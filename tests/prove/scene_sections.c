@@ -1,6 +1,6 @@
 /* Proof    a section that is taken lies in its image, whole and aligned, whatever the table says of it
  * Entry    find_section of cr_scene_open
- * Bounds   none: every image of 304 bytes to 4 GiB, every count, offset and stride
+ * Bounds   none: every image of 288 bytes to 4 GiB, every count, offset and stride
  * Unwind   2 */
 #include "prove.h"
 

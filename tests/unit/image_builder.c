@@ -207,30 +207,29 @@ static void fill_kind(const crt_solid *s, uint32_t set, struct cr_img_kind *kind
 }
 
 /* A rectangle that holds all of the solid, and so the facet, seen along its normal. */
-static void fill_rectangle(const crt_solid *s, const float *n, struct cr_img_rectangle *r) {
+static void fill_rectangle(const crt_solid *s, struct cr_img_facet *facet) {
+    const float *n = facet->normal;
     double low[3], high[3], middle[3], size2 = 0.0;
     const cr_vec3 across = fabsf(n[0]) < 0.7f ? v3(0.0f, n[2], -n[1]) : v3(-n[2], 0.0f, n[0]);
     const cr_vec3 along = v3_scale(across, 1.0f / v3_norm(across));
     const float unit[3] = {along.x, along.y, along.z};
     crt_bounds(s, low, high);
     for (int a = 0; a < 3; a++) {
-        r->along[a] = (int16_t)lrintf(32767.0f * unit[a]);
+        facet->along[a] = (int16_t)lrintf(32767.0f * unit[a]);
         middle[a] = 0.5 * (low[a] + high[a]);
         size2 += (high[a] - low[a]) * (high[a] - low[a]);
     }
     const cr_vec3 side[2] = {along, v3_cross(v3(n[0], n[1], n[2]), along)};
     for (int k = 0; k < 2; k++) {
         const double at = side[k].x * middle[0] + side[k].y * middle[1] + side[k].z * middle[2];
-        r->low_m[k] = (float)(at - 0.5 * sqrt(size2));
-        r->high_m[k] = (float)(at + 0.5 * sqrt(size2));
+        facet->low_m[k] = (float)(at - 0.5 * sqrt(size2));
+        facet->high_m[k] = (float)(at + 0.5 * sqrt(size2));
     }
 }
 
 static void fill_features(const crt_solid *s, parts *p) {
     int facets = crt_facets(s), ball = s->ball_m > 0.0;
     struct cr_img_facet *facet = add_part(p, CR_SEC_FACETS, (uint32_t)facets, sizeof *facet);
-    struct cr_img_rectangle *rectangle =
-        add_part(p, CR_SEC_RECTANGLES, ball ? 0u : (uint32_t)facets, sizeof *rectangle);
     struct cr_img_kind *kind = add_part(p, CR_SEC_KINDS, 1u << facets, sizeof *kind);
     struct cr_img_pair *pair = add_part(p, CR_SEC_PAIRS, (uint32_t)(facets * facets), sizeof *pair);
     struct cr_img_edge *edge = add_part(p, CR_SEC_EDGES, (uint32_t)s->sides, sizeof *edge);
@@ -247,9 +246,7 @@ static void fill_features(const crt_solid *s, parts *p) {
         facet[f].offset_m = (float)n[3];
         facet[f].patch = (uint32_t)f;
         facet[f].curved = (uint32_t)ball;
-        if (!ball) {
-            fill_rectangle(s, facet[f].normal, &rectangle[f]);
-        }
+        fill_rectangle(s, &facet[f]);
         for (int g = f + 1; g < facets; g++) {
             int apart = f < s->sides && g < s->sides && s->sides == 4 && g - f == 2;
             if (!apart && f != s->sides) {

@@ -143,7 +143,7 @@ static uint32_t round_up(uint32_t n) { return (n + CR_IMG_ALIGN - 1u) / CR_IMG_A
 
 uint8_t *crt_shrink(uint8_t *image, const uint32_t low[3], const uint32_t high[3], uint32_t *size_bytes) {
     static const uint32_t whole[] = {CR_SEC_META, CR_SEC_FACETS, CR_SEC_PAIRS,     CR_SEC_EDGES, CR_SEC_CLUSTERS,
-                                     CR_SEC_SUMS, CR_SEC_GROUPS, CR_SEC_ADJ_START, CR_SEC_ADJ,   CR_SEC_RECTANGLES};
+                                     CR_SEC_SUMS, CR_SEC_GROUPS, CR_SEC_ADJ_START, CR_SEC_ADJ};
     parts p;
     memset(&p, 0, sizeof p);
     for (uint32_t id = 1; id <= CR_SEC_COUNT; id++) {

@@ -205,8 +205,8 @@ static void a_plane_is_not_trusted_beside_its_facet(void **state) {
     const double cosine = 0.25, sine = sqrt(1.0 - cosine * cosine), away_m = 8e-3;
     const double beside[4] = {0.0, 1.0, 2.0 - 0.4 / sine, 2.1}, trust[4] = {1.0, 1.0, 0.5, 0.0};
     const struct cr_img_cluster *c = &rig.scene.clusters[floor_cluster];
-    struct cr_img_rectangle *wall = (struct cr_img_rectangle *)crt_section(rig.image, CR_SEC_RECTANGLES) + WALL;
-    const struct cr_img_rectangle whole = *wall;
+    struct cr_img_facet *wall = (struct cr_img_facet *)crt_section(rig.image, CR_SEC_FACETS) + WALL;
+    const struct cr_img_facet whole = *wall;
     const double reach_m = (double)(CR_WAY_REACH * c->ramp[0]);
     half.bound_count = 1u;
     half.bounds[0] = (cr_way_bound){.facet = WALL, .normal = {1.0f, 0.0f, 0.0f}, .part = 1.0f, .sure = 1u};

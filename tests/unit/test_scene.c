@@ -437,7 +437,7 @@ static void scene_refuses_every_number_of_meta_outside_its_range(void **state) {
 static void scene_refuses_every_number_of_the_surface_outside_its_range(void **state) {
     (void)state;
     spoil(CR_SEC_FACETS, sizeof(struct cr_img_facet), 4, PLACE);
-    spoil(CR_SEC_RECTANGLES, offsetof(struct cr_img_rectangle, low_m), 4, PLACE);
+    spoil(CR_SEC_FACETS, offsetof(struct cr_img_facet, low_m), 4, PLACE);
     spoil(CR_SEC_EDGES, 0, 6, PLACE);
     spoil(CR_SEC_EDGES, offsetof(struct cr_img_edge, angle_rad), 1, TURN);
 }
@@ -498,8 +498,8 @@ static void scene_refuses_numbers_that_do_not_fit_the_others(void **state) {
     refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, wxy), -1.0f);
     refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, reach), 1.0f);
     refuse(CR_SEC_CLUSTERS, offsetof(struct cr_img_cluster, normal), 2.0f);
-    refuse(CR_SEC_RECTANGLES, offsetof(struct cr_img_rectangle, high_m), -1.0f);
-    refuse(CR_SEC_RECTANGLES, offsetof(struct cr_img_rectangle, high_m) + 4u, -1.0f);
+    refuse(CR_SEC_FACETS, offsetof(struct cr_img_facet, high_m), -1.0f);
+    refuse(CR_SEC_FACETS, offsetof(struct cr_img_facet, high_m) + 4u, -1.0f);
 }
 
 static void scene_refuses_words_without_meaning(void **state) {
@@ -512,7 +512,6 @@ static void scene_refuses_words_without_meaning(void **state) {
     } bad[] = {{CR_SEC_TOP, 0, CR_TOP_FAR | band},
                {CR_SEC_SAMPLES, 0, 0x8000u},
                {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), 3u},
-               {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), CR_FACET_CURVED}, /* with a rectangle */
                {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 0u},
                {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 4u},
                {CR_SEC_EDGES, offsetof(struct cr_img_edge, label), 3u},

@@ -324,7 +324,6 @@ static void curved_and_unknown_surfaces_answer_by_sides(void **state) {
         for (uint32_t i = 0; i < rig.scene.facet_count; i++) {
             facet[i].curved = 1u;
         }
-        crt_row(rig.image, CR_SEC_RECTANGLES)->count = 0u;
         for (uint32_t i = 0; i < rig.scene.brick_count; i++) {
             brick[i].kind = i % 3u == 0u && brick[i].cells == CR_CELLS_NONE ? 0u : brick[i].kind;
         }

@@ -235,7 +235,6 @@ def _assemble(
         int(lib.CR_SEC_GROUPS): shell.groups,
         int(lib.CR_SEC_ADJ_START): shell.adj_start,
         int(lib.CR_SEC_ADJ): shell.adj,
-        int(lib.CR_SEC_RECTANGLES): voxmap.rectangles,
     }
     return pack(sections)
 
@@ -339,13 +338,7 @@ def _fitting_voxmap(
             depth_max_m=options.depth_max_m,
         )
         rest = _bytes_of(
-            voxmap.top,
-            voxmap.bricks,
-            voxmap.samples,
-            voxmap.cells,
-            voxmap.kinds,
-            voxmap.facets,
-            voxmap.rectangles,
+            voxmap.top, voxmap.bricks, voxmap.samples, voxmap.cells, voxmap.kinds, voxmap.facets
         )
         rest += 40 * len(surface.creases.convex) + 4096
         if room is None or shell_bytes + rest <= room:

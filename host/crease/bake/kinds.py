@@ -1,4 +1,4 @@
-"""What cells of the voxmap see: the tables KINDS, FACETS and RECTANGLES of the image, and distances from planes."""
+"""What cells of the voxmap see: the tables KINDS and FACETS of the image, and distances from planes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import spatial
 
-from crease.bake.layout import FACET, KIND, RECTANGLE
+from crease.bake.layout import FACET, KIND
 from crease.bake.surface import Surface
 from crease.bake.vectors import without_dust
 from crease.base.native import ffi, lib
@@ -111,33 +111,28 @@ class Kinds:
             self._rows.append(key)
         return self._index[key]
 
-    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
-        """The image sections KINDS, FACETS and RECTANGLES: facets that do not stand for others come first."""
-        single = [k for k in range(len(self._planes)) if not self.is_curved(k)]
-        order = single + [k for k in range(len(self._planes)) if self.is_curved(k)]
-        place = np.argsort(order)
+    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """The image sections KINDS and FACETS."""
         kinds = np.zeros(len(self._rows), KIND)
         for row, (kind, facets) in zip(kinds, self._rows, strict=True):
             row["kind"], row["count"] = kind, len(facets)
-            row["facet"][: len(facets)] = place[list(facets)]
-        planes = np.zeros(len(order), FACET)
-        for row, index in zip(planes, order, strict=True):
-            plane, row["patch"], row["curved"] = self._planes[index]
+            row["facet"][: len(facets)] = facets
+        planes = np.zeros(len(self._planes), FACET)
+        for row, (plane, patch, curved) in zip(planes, self._planes, strict=True):
             row["normal"], row["offset_m"] = without_dust(np.array(plane[:3]), 1.0), plane[3]
-        return kinds, planes, self._rectangles(single)
+            row["patch"], row["curved"] = patch, curved
+        self._put_rectangles(planes)
+        return kinds, planes
 
-    def _rectangles(self, order: list[int]) -> npt.NDArray[Any]:
-        """Where facets of the image lie in their planes."""
+    def _put_rectangles(self, planes: npt.NDArray[Any]) -> None:
+        """Where each facet of the image lies in its plane."""
         mesh, facet_of = self._surface.mesh, self._surface.facet_of
-        by_facet = np.argsort(facet_of, kind="stable")
-        start = np.searchsorted(facet_of[by_facet], np.arange(len(self._surface.facet_patch) + 1))
-        rows = np.zeros(len(order), RECTANGLE)
-        for row, index in zip(rows, order, strict=True):
-            triangles = [by_facet[start[f] : start[f + 1]] for f in self._facets[index]]
-            corners = mesh.vertices_m[np.unique(mesh.triangles[np.concatenate(triangles)])]
-            normal = np.asarray(self._planes[index][0][:3])
-            row["along"], row["low_m"], row["high_m"] = rectangle(normal, corners)
-        return rows
+        order = np.argsort(facet_of, kind="stable")
+        start = np.searchsorted(facet_of[order], np.arange(len(self._surface.facet_patch) + 1))
+        for row, (plane, *_), facets in zip(planes, self._planes, self._facets, strict=True):
+            triangles = np.concatenate([order[start[f] : start[f + 1]] for f in facets])
+            corners = mesh.vertices_m[np.unique(mesh.triangles[triangles])]
+            row["along"], row["low_m"], row["high_m"] = rectangle(np.asarray(plane[:3]), corners)
 
     def merged(self, voxel_m: float) -> npt.NDArray[np.int32]:
         """The new index of every row, after alike rows became one so that at most KINDS_MAX are left.

@@ -14,7 +14,6 @@ META = record("struct cr_img_meta")
 BRICK = record("struct cr_img_brick")
 KIND = record("struct cr_img_kind")
 FACET = record("struct cr_img_facet")
-RECTANGLE = record("struct cr_img_rectangle")
 PAIR = record("struct cr_img_pair")
 EDGE = record("struct cr_img_edge")
 CLUSTER = record("struct cr_img_cluster")
@@ -35,7 +34,6 @@ RECORDS = {
     int(lib.CR_SEC_SUMS): SUM,
     int(lib.CR_SEC_GROUPS): GROUP,
     int(lib.CR_SEC_ADJ): NEIGHBOUR,
-    int(lib.CR_SEC_RECTANGLES): RECTANGLE,
 }
 """Record of each section that holds records; the others hold whole numbers."""
 

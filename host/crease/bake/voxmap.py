@@ -53,7 +53,6 @@ class Voxmap:
     cells: npt.NDArray[np.uint16]
     kinds: npt.NDArray[Any]
     facets: npt.NDArray[Any]
-    rectangles: npt.NDArray[Any]
     quantum_m: float
     band_m: float
     crease_m: float
@@ -387,7 +386,7 @@ def make_voxmap(
     planes = find_planes(bricks_near, sorter.kinds, quantum)
     if len(sorter.kinds) > KINDS_MAX:
         cells, planes = _merged(sorter.kinds, cells, planes, voxel_m)
-    kinds, facets, rectangles = sorter.kinds.records()
+    kinds, facets = sorter.kinds.records()
     level = choose_levels(phi, tolerance_m)
     if depth_max_m is not None:
         deep = phi.max(axis=(1, 2, 3)) < -(depth_max_m + near_m)
@@ -421,7 +420,6 @@ def make_voxmap(
         tables,
         kinds,
         facets,
-        rectangles,
         quantum,
         band,
         near_m + 0.5 * grid.voxel_m,
