@@ -173,12 +173,13 @@ def made_by(text: str) -> list[str]:
 def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> list[str]:
     """One configuration, compiled anew."""
     given = made_by(f"$(CPU_{cpu}) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES)")
-    small = [ROOT / word for word in made_by("$(SMALL_C)")]
+    small, rare = ([ROOT / w for w in made_by(f"$({name})")] for name in ("SMALL_C", "RARE_C"))
+    rarely = made_by("$(RARELY)")
     options = [w if not w.startswith("-I") else f"-I{ROOT / w[2:]}" for w in given]
     defines = [f"-D{setting}" for setting in settings]
     sources = sorted(p for room in ("contact", "servo") for p in (FIRMWARE / room).glob("*.c"))
     for source in sources:
-        level = ("-Os",) if source in small else ()
+        level = ["-Os"] * (source in small) + rarely * (source in rare)
         call(["arm-none-eabi-gcc", *options, *level, *defines, "-c", source], folder)
     total = call(["arm-none-eabi-size", "-t", *sorted(folder.glob("*.o"))]).splitlines()[-1].split()
     allowed = {

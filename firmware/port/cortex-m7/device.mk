@@ -20,11 +20,12 @@ CORTEX_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-wa
 CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.c)
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
 SMALL_C := $(addprefix firmware/,$(addprefix contact/,exits.c facets.c rows.c layers.c gather.c measure.c math3.c scene.c settings.c world.c answer.c relate.c feel.c search.c tick.c resolve.c planes.c coverage.c field.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c record.c control.c velocity.c pose.c) $(addprefix couple/,descend.c round.c couple.c passivity.c points.c follow.c nearest.c turn.c))
+RARELY := -fno-move-loop-invariants
 RARE_C := $(addprefix firmware/,$(addprefix contact/,facets.c scene.c search.c answer.c) $(addprefix servo/,config.c modes.c bus.c servo.c control.c pose.c))
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
-	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARE_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARE_C)' >$$@
+	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C)' >$$@
 
 build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
@@ -34,7 +35,7 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 # Set-up, frames and what is done once a period or an answer, which no search waits for; of the coupling what stands between lookups, or takes as long either way: small, not fast.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 # Of these, what costs little, smaller still.
-$(RARE_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os -fno-move-loop-invariants,$(LEVEL))
+$(RARE_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os $(RARELY),$(LEVEL))
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
 	@rm -f $$@
