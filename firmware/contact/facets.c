@@ -2,7 +2,7 @@
 #include "contact/way_out.h"
 
 /* In a cell of many facets a sample counts for those whose planes explain its distance nearly as well as the best does: to its own depth, and no
- * more than this share of a voxel. */
+ * more than this share of a voxel, or what the image's distances are off. */
 #define EXPLAINS 0.45f
 
 /* How far a number lies outside of a range. */

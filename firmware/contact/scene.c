@@ -75,25 +75,27 @@ static const void *find_section(const uint8_t *image, uint32_t size_bytes, uint3
 }
 
 static cr_err find_sections(cr_scene *s, const uint8_t *image, uint32_t size) {
-    /* Bytes of an element of each, in the order of their ids. */
-    static const uint16_t strides[CR_SEC_COUNT] = {sizeof(struct cr_img_meta),
-                                                   4u,
-                                                   sizeof(struct cr_img_brick),
-                                                   2u,
-                                                   2u,
-                                                   sizeof(struct cr_img_kind),
-                                                   sizeof(struct cr_img_facet),
-                                                   sizeof(struct cr_img_pair),
-                                                   sizeof(struct cr_img_edge),
-                                                   sizeof(struct cr_img_cluster),
-                                                   sizeof(struct cr_img_sum),
-                                                   sizeof(struct cr_img_group),
-                                                   4u,
-                                                   sizeof(struct cr_img_neighbour)};
+    /* Bytes of an element of each. */
+    static const uint16_t strides[CR_SEC_COUNT + 1] = {
+        [CR_SEC_META] = sizeof(struct cr_img_meta),
+        [CR_SEC_TOP] = 4u,
+        [CR_SEC_BRICKS] = sizeof(struct cr_img_brick),
+        [CR_SEC_SAMPLES] = 2u,
+        [CR_SEC_CELLS] = 2u,
+        [CR_SEC_KINDS] = sizeof(struct cr_img_kind),
+        [CR_SEC_FACETS] = sizeof(struct cr_img_facet),
+        [CR_SEC_PAIRS] = sizeof(struct cr_img_pair),
+        [CR_SEC_EDGES] = sizeof(struct cr_img_edge),
+        [CR_SEC_CLUSTERS] = sizeof(struct cr_img_cluster),
+        [CR_SEC_SUMS] = sizeof(struct cr_img_sum),
+        [CR_SEC_GROUPS] = sizeof(struct cr_img_group),
+        [CR_SEC_ADJ_START] = 4u,
+        [CR_SEC_ADJ] = sizeof(struct cr_img_neighbour),
+    };
     const void *at[CR_SEC_COUNT + 1];
     uint32_t count[CR_SEC_COUNT + 1];
     for (uint32_t id = 1u; id <= CR_SEC_COUNT; id++) {
-        at[id] = find_section(image, size, id, strides[id - 1u], &count[id]);
+        at[id] = find_section(image, size, id, strides[id], &count[id]);
         if (at[id] == NULL) {
             return CR_ERR_SECTION;
         }

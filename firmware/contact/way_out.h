@@ -2,6 +2,7 @@
  * does not yet.
  *
  *     detect, gather -> zones -> relate -> half-spaces -> measure, depth_along -> resolve -> contacts
+ *             facets, layers                                  rows, exits
  *
  * Everything between gather and resolve is in the tool frame. Units m; a force divided by the stiffness is a length. */
 #ifndef CR_WAY_OUT_H
@@ -354,7 +355,8 @@ static inline int cr_way_waits(const cr_way_survey *s) {
 void cr_way_count(const cr_way_survey *s, cr_way_spots *at, uint32_t surface, uint32_t side, const float *part);
 
 /* Purpose  lanes that wait: by rows of planes, by steps of their march, and then each by all of its exits.
- * Output  depth_m of the half-space; work->left: those that wait still.   Cost  as cr_way_measure; ends with a row, a step of a march, or a lane. */
+ * Output  depth_m of the half-space; work->left: those that wait still.   Cost  as cr_way_measure; ends with a row, a lane that is asked how far it trusts one,
+ *          a step of a march, or a lane. */
 void cr_way_go_on(const cr_way_survey *s);
 
 /* Purpose  begin an answer. */

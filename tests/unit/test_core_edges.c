@@ -94,6 +94,7 @@ static void not_a_number_in_the_image_never_pushes_harder(void **state) {
         }
         for (size_t k = 0; k < 4u; k++) {
             spoil_and_tick(&rig, &poses[p], whole_N, (float *)f + k, rig.scene.facet_count, sizeof *f);
+            spoil_and_tick(&rig, &poses[p], whole_N, f->low_m + k, rig.scene.facet_count, sizeof *f);
         }
     }
     crt_close(&rig);
@@ -206,7 +207,7 @@ static void open_planes(crt_rig *rig, const double plane[][4], uint32_t count) {
     uint32_t *top = crt_section(rig->image, CR_SEC_TOP);
     memset(crt_section(rig->image, CR_SEC_SAMPLES), 0, rig->scene.sample_count * 2u);
     kinds[1].kind = CR_KIND_CONVEX;
-    kinds[1].count = count;
+    kinds[1].count = (uint16_t)count;
     for (uint32_t k = 0; k < count; k++) {
         kinds[1].facet[k] = k;
         facets[k].offset_m = (float)plane[k][3];

@@ -308,7 +308,7 @@ static void the_lightest_zone_gives_way(void **state) {
     }
     cr_way_lighten(&set.way);
     for (uint32_t z = 0; z < 3u; z++) {
-        assert_float_equal(set.way.zones[z].weight_m3 / weigh_m3[z], keep[z], z == 0u ? 0.1 : 1e-3);
+        assert_float_equal(set.way.zones[z].weight_m3 / weigh_m3[z], keep[z], z == 0u ? 0.1f : 1e-3f);
         assert_true(set.way.zones[z].push_m3.z == set.way.zones[z].weight_m3);
     }
     set.way.layers.count = CR_WAY_LAYERS_MAX; /* and a layer that there is no room for is counted */

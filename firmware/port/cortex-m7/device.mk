@@ -32,7 +32,7 @@ build/$(1)/%.o: %.c build/$(1)/.flags
 	@echo "$(1): $$<"
 	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
-# Set-up, frames and what is done once a period or an answer, which no search waits for; of the coupling what stands between lookups, or takes as long either way: small, not fast.
+# Small, not fast: all but detect, depth_along, motion and near, which are dearer so. What stands between lookups takes about as long either way.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 # Of these, what costs little, smaller still.
 $(RARE_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os $(RARELY),$(LEVEL))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,8 @@ KINDS_MAX = 0x10000
 """Rows that an entry of a cell table can tell apart."""
 SHORT_ONE = 32767.0
 """What a number of 16 bits counts as 1."""
+SIDES_AT_ONCE = 64
+"""Of a hull, whose directions are tried at once: memory for as many times its corners."""
 MERGE_STEPS = 6
 """How often rows are merged more coarsely, until they fit."""
 
@@ -35,14 +36,17 @@ def rectangle(normal: F64, points_m: F64) -> tuple[npt.NDArray[np.int16], F64, F
     first /= np.linalg.norm(first)
     frame = np.stack([first, np.cross(normal, first)])
     flat = points_m @ frame.T
-    with contextlib.suppress(spatial.QhullError):  # in one line, or next to it
+    try:
         flat = flat[spatial.ConvexHull(flat).vertices]
+    except spatial.QhullError:  # in one line, or next to it: its ends
+        end = flat[np.argmax(((flat - flat[0]) ** 2).sum(axis=1))]
+        flat = np.stack([end, flat[np.argmax(((flat - end) ** 2).sum(axis=1))]])
     sides = np.roll(flat, -1, axis=0) - flat
     length = np.linalg.norm(sides, axis=1)
     along = sides[length > 0.0] / length[length > 0.0, None]
     axes = np.stack([along, along[:, ::-1] * [-1.0, 1.0]], axis=1)
-    ways = axes @ flat.T
-    girth = (ways.max(axis=2) - ways.min(axis=2)).sum(axis=1)
+    blocks = np.array_split(axes, range(SIDES_AT_ONCE, len(axes), SIDES_AT_ONCE))
+    girth = np.concatenate([np.ptp(block @ flat.T, axis=2).sum(axis=1) for block in blocks])
     best = int(np.argmax(girth < girth.min() * (1.0 + 1e-9)))  # the first of those that are as good
     short = np.rint(SHORT_ONE * (axes[best, 0] @ frame)).astype(np.int16)
     side = short / SHORT_ONE
@@ -139,7 +143,7 @@ class Kinds:
 
         Rows of MIXED cells are alike when their facets have the same patches, and nearly the same normals and offsets;
         how nearly is relaxed until the rows fit. Then flat facets of a curved patch stand for the patch. A facet that
-        stands for others is where any of them is.
+        stands for others is where any of them is. Rows beyond those that fit even so become the last one.
         """
         index = np.arange(len(self._rows), dtype=np.int32)
         for step in range(MERGE_STEPS):
@@ -161,10 +165,9 @@ class Kinds:
                 place[i] = first[key]
                 for facet, other in zip(kept[first[key]][1], self._rows[i][1], strict=True):
                     wider.setdefault(facet, [facet]).append(other)
+            were = list(self._facets)
             for facet, others in wider.items():
-                self._facets[facet] = np.unique(
-                    np.concatenate([self._facets[k] for k in set(others)])
-                )
+                self._facets[facet] = np.unique(np.concatenate([were[k] for k in set(others)]))
             self._rows, index = kept, place[index]
             self._index = {row: i for i, row in enumerate(kept)}
         if len(self._rows) > KINDS_MAX:
