@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.bake.kinds import SHORT_ONE, Probes, distance_from_planes, rectangle
+from crease.bake.kinds import CORNERS_FEW, SHORT_ONE, Probes, distance_from_planes, rectangles
 
 F64 = npt.NDArray[np.float64]
 
@@ -58,21 +58,26 @@ def test_rows_of_probes_agree_when_none_of_them_is_off(off_m: float, kept: int) 
     assert probes.agreeing(-1.0, PLANES, np.array([4, 1])).tolist() == []
 
 
+def rectangle(normal: F64, points_m: F64) -> tuple[F64, F64, F64]:
+    """Of one set of points: direction, from where, to where."""
+    along, low, high = rectangles(normal[None], points_m[None])
+    return along[0] / SHORT_ONE, low[0], high[0]
+
+
 def sides_m(low_m: F64, high_m: F64) -> F64:
     return np.asarray(np.sort(high_m - low_m))
 
 
 def test_the_rectangle_of_a_facet_holds_it_and_is_that_of_least_girth() -> None:
     rng = np.random.default_rng(5)
-    for _ in range(20):
+    for count in (4, CORNERS_FEW - 4, CORNERS_FEW, 3000):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.linalg.det(turn)
         half, shift = rng.uniform(1e-3, 2e-2, 2), rng.uniform(-0.1, 0.1, 3)
-        inside = rng.uniform(-1.0, 1.0, (30, 2)) * half
+        inside = rng.uniform(-1.0, 1.0, (count, 2)) * half
         flat = np.vstack([inside, half * [[1, 1], [1, -1], [-1, 1], [-1, -1]]])
         points = np.column_stack([flat, np.zeros(len(flat))]) @ turn.T + shift
-        along, low, high = rectangle(turn[:, 2], points)
-        side = along / SHORT_ONE
+        side, low, high = rectangle(turn[:, 2], points)
         assert abs(np.linalg.norm(side) - 1.0) < 5e-5
         assert abs(side @ turn[:, 2]) < 5e-5
         # As far as the direction is rounded, which turns the other side by as much.
@@ -93,9 +98,31 @@ def test_the_rectangle_of_a_triangle_does_not_depend_on_how_it_lies() -> None:
         np.testing.assert_allclose(sides_m(low, high), wanted, atol=5e-6)
 
 
-def test_the_rectangle_of_a_sliver_is_its_line() -> None:
-    line = np.array([0.5, 0.0, 0.0]) + np.outer([0.0, 1.0, 0.25], [0.0, 0.01, 0.0])
+@pytest.mark.parametrize("count", [3, CORNERS_FEW + 1])
+def test_the_rectangle_of_a_sliver_is_its_line(count: int) -> None:
+    share = np.concatenate([[0.0, 1.0], np.linspace(0.1, 0.9, count - 2)])
+    line = np.array([0.5, 0.0, 0.0]) + np.outer(share, [0.0, 0.01, 0.0])
     along, low, high = rectangle(np.array([0.0, 0.0, 1.0]), line)
-    np.testing.assert_allclose(np.abs(along), [0, SHORT_ONE, 0])
+    np.testing.assert_allclose(np.abs(along), [0.0, 1.0, 0.0])
     np.testing.assert_allclose(sides_m(low, high), [0.0, 0.01], atol=1e-15)
     np.testing.assert_allclose(np.abs(low + high), [0.01, 1.0], atol=1e-15)
+
+
+def test_one_place_has_a_rectangle_too() -> None:
+    for count in (3, CORNERS_FEW + 1):
+        along, low, high = rectangle(np.array([0.0, 0.0, 1.0]), np.full((count, 3), 0.01))
+        assert np.linalg.norm(along) > 0.9999
+        np.testing.assert_allclose(high - low, 0.0, atol=1e-15)
+
+
+def test_rectangles_of_few_corners_are_those_of_their_hull() -> None:
+    """All ways from corner to corner, and the sides of the hull alone: none of the others is better."""
+    rng = np.random.default_rng(9)
+    points = rng.normal(size=(200, 12, 3)) * [0.02, 0.01, 0.0]
+    normals = np.tile([0.0, 0.0, 1.0], (200, 1))
+    _, low, high = rectangles(normals, points)
+    many = np.concatenate([points, np.repeat(points[:, :1], CORNERS_FEW, axis=1)], axis=1)
+    _, low_hull, high_hull = rectangles(normals, many)
+    np.testing.assert_allclose(
+        (high - low).sum(axis=1), (high_hull - low_hull).sum(axis=1), atol=5e-6
+    )

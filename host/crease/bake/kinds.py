@@ -19,39 +19,65 @@ KINDS_MAX = 0x10000
 """Rows that an entry of a cell table can tell apart."""
 SHORT_ONE = 32767.0
 """What a number of 16 bits counts as 1."""
-SIDES_AT_ONCE = 64
-"""Of a hull, whose directions are tried at once: memory for as many times its corners."""
+CORNERS_FEW = 24
+"""Up to so many corners the sides of their hull are looked for among all ways from one to another."""
+NUMBERS_AT_ONCE = 2_000_000
+"""Held at a time where many directions are tried."""
 MERGE_STEPS = 6
 """How often rows are merged more coarsely, until they fit."""
 
 
-def rectangle(normal: F64, points_m: F64) -> tuple[npt.NDArray[np.int16], F64, F64]:
-    """The rectangle of least girth round points, seen along a unit normal: a side's direction, from where to where.
+def rectangles(normals: F64, points_m: F64) -> tuple[npt.NDArray[np.int16], F64, F64]:
+    """The rectangle of least girth round each set of points, seen along a unit normal: a side's direction, its ranges.
 
-    Of least area it would be any of three round a triangle. The direction is a unit vector times SHORT_ONE; ranges are
-    along it as it is rounded, and along normal x direction.
-    Shapes: points_m (n, 3), in one line or wider; result (3,), (2,), (2,).
+    Of least area it would be any of three round a triangle. One side lies along a side of the points' hull. The
+    direction is a unit vector times SHORT_ONE; ranges are along it as it is rounded, and along normal x direction.
+    Shapes: normals (m, 3); points_m (m, n, 3), in one line or wider; result (m, 3), (m, 2), (m, 2).
     """
-    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    first /= np.linalg.norm(first)
-    frame = np.stack([first, np.cross(normal, first)])
-    flat = points_m @ frame.T
-    try:
-        flat = flat[spatial.ConvexHull(flat).vertices]
-    except spatial.QhullError:  # in one line, or next to it: its ends
-        end = flat[np.argmax(((flat - flat[0]) ** 2).sum(axis=1))]
-        flat = np.stack([end, flat[np.argmax(((flat - end) ** 2).sum(axis=1))]])
-    sides = np.roll(flat, -1, axis=0) - flat
-    length = np.linalg.norm(sides, axis=1)
-    along = sides[length > 0.0] / length[length > 0.0, None]
-    axes = np.stack([along, along[:, ::-1] * [-1.0, 1.0]], axis=1)
-    blocks = np.array_split(axes, range(SIDES_AT_ONCE, len(axes), SIDES_AT_ONCE))
-    girth = np.concatenate([np.ptp(block @ flat.T, axis=2).sum(axis=1) for block in blocks])
-    best = int(np.argmax(girth < girth.min() * (1.0 + 1e-9)))  # the first of those that are as good
-    short = np.rint(SHORT_ONE * (axes[best, 0] @ frame)).astype(np.int16)
+    first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frames = np.stack([first, np.cross(normals, first)], axis=1)
+    flat = np.einsum("mnk,mak->mna", points_m, frames)
+    if flat.shape[1] > CORNERS_FEW:
+        along = np.concatenate([_of_hull(points[None]) for points in flat])
+    else:
+        along = _of_least_girth(flat, *np.triu_indices(flat.shape[1], 1))
+    short = np.rint(SHORT_ONE * np.einsum("ma,mak->mk", along, frames)).astype(np.int16)
     side = short / SHORT_ONE
-    reached = points_m @ np.stack([side, np.cross(normal, side)]).T
-    return short, reached.min(axis=0), reached.max(axis=0)
+    reached = np.einsum("mnk,mak->mna", points_m, np.stack([side, np.cross(normals, side)], axis=1))
+    return short, reached.min(axis=1), reached.max(axis=1)
+
+
+def _of_hull(flat: F64) -> F64:
+    """As _of_least_girth, of many points, along the sides of their hull. Shapes: flat (1, n, 2); result (1, 2)."""
+    try:
+        flat = flat[:, spatial.ConvexHull(flat[0]).vertices]
+    except spatial.QhullError:  # in one line, or next to it: its ends
+        end = np.argmax(((flat[0] - flat[0, 0]) ** 2).sum(axis=1))
+        flat = flat[:, [end, np.argmax(((flat[0] - flat[0, end]) ** 2).sum(axis=1))]]
+    corner = np.arange(flat.shape[1])
+    return _of_least_girth(flat, corner, np.roll(corner, -1))
+
+
+def _of_least_girth(flat: F64, start: npt.NDArray[np.intp], end: npt.NDArray[np.intp]) -> F64:
+    """A side of the rectangle of least girth, of those along the ways from some points to others.
+
+    Shapes: flat (m, n, 2); start, end (k,); result (m, 2), unit.
+    """
+    ways = flat[:, end] - flat[:, start]
+    length = np.linalg.norm(ways, axis=2)
+    ways = np.where(length[..., None] > 0.0, ways, [1.0, 0.0])
+    ways /= np.where(length > 0.0, length, 1.0)[..., None]
+    girth = np.full(length.shape, np.inf)
+    step = max(1, NUMBERS_AT_ONCE // flat[..., 0].size)
+    for k in range(0, len(start), step):
+        x = np.einsum("mka,mna->mkn", ways[:, k : k + step], flat)
+        y = np.einsum("mka,mna->mkn", ways[:, k : k + step] @ [[0.0, -1.0], [1.0, 0.0]], flat)
+        girth[:, k : k + step] = np.ptp(x, axis=2) + np.ptp(y, axis=2)
+    girth[length <= 0.0] = np.inf
+    # The first of those that are as good.
+    best = np.argmax(girth <= girth.min(axis=1, keepdims=True) * (1.0 + 1e-9), axis=1)
+    return np.asarray(ways[np.arange(len(flat)), best])
 
 
 class Kinds:
@@ -129,14 +155,25 @@ class Kinds:
         return kinds, planes
 
     def _put_rectangles(self, planes: npt.NDArray[Any]) -> None:
-        """Where each facet of the image lies in its plane."""
+        """Where each facet of the image lies in its plane: all of as many corners at once."""
         mesh, facet_of = self._surface.mesh, self._surface.facet_of
         order = np.argsort(facet_of, kind="stable")
         start = np.searchsorted(facet_of[order], np.arange(len(self._surface.facet_patch) + 1))
-        for row, (plane, *_), facets in zip(planes, self._planes, self._facets, strict=True):
-            triangles = np.concatenate([order[start[f] : start[f + 1]] for f in facets])
-            corners = mesh.vertices_m[np.unique(mesh.triangles[triangles])]
-            row["along"], row["low_m"], row["high_m"] = rectangle(np.asarray(plane[:3]), corners)
+        triangles = [order[start[f] : start[f + 1]] for mine in self._facets for f in mine]
+        row = np.repeat(np.arange(len(self._facets)), [len(mine) for mine in self._facets])
+        row = np.repeat(row, [3 * len(mine) for mine in triangles])
+        corner = mesh.triangles[np.concatenate(triangles)].reshape(-1)
+        row, corner = np.divmod(
+            np.unique(row * len(mesh.vertices_m) + corner), len(mesh.vertices_m)
+        )
+        count = np.bincount(row, minlength=len(planes))
+        first = np.cumsum(count) - count
+        normals = np.array([plane[:3] for plane, *_ in self._planes])
+        for corners in np.unique(count).tolist():
+            mine = np.flatnonzero(count == corners)
+            points = mesh.vertices_m[corner[first[mine, None] + np.arange(corners)]]
+            found = rectangles(normals[mine], points)
+            planes["along"][mine], planes["low_m"][mine], planes["high_m"][mine] = found
 
     def merged(self, voxel_m: float) -> npt.NDArray[np.int32]:
         """The new index of every row, after alike rows became one so that at most KINDS_MAX are left.
