@@ -39,26 +39,26 @@ static void find_deep(cr_way_spots *at) {
     const cr_vec3 n = own->normal;
     if (!CR_SCALAR && at->count > 0u && !own->curved) {
         for (int i = 0; i < CR_LANES; i++) {
-            at->deep_m[i] = cr_way_half_width(c, i, n) - height_m[i];
+            at->deep_m[i] = cr_way_rise(c, i, piece_width(c, i, n)) - height_m[i];
         }
         return;
     }
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const cr_vec3 m = own->curved ? lane_of(at->normal, i) : n;
-        at->deep_m[i] = at->count > 0u ? cr_way_half_width(c, i, m) - height_m[i] : NEVER_M;
+        at->deep_m[i] = at->count > 0u ? cr_way_rise(c, i, piece_width(c, i, m)) - height_m[i] : NEVER_M;
     }
 }
 
 /* Lanes whose way may be longer than what is known, by the plane that they are inside of. */
 static uint32_t find_longer(const cr_way_spots *at, uint32_t lanes, const float *part, const cr_way_half *half) {
     const cr_way_known *own = &at->planes[0];
-    const float far = FAR_MAX * half->deep_m, flat_leaves = v3_dot(own->normal, half->normal);
+    const float known_m = half->depth_m + CR_WAY_SLACK_M, far = FAR_MAX * half->deep_m;
+    const float flat_leaves = v3_dot(own->normal, half->normal);
     uint32_t known = 0u;
     for (int i = lane_at(lanes, 0); i < CR_LANES; i = lane_at(lanes, i + 1)) {
         const float leaves = own->curved ? v3_dot(lane_of(at->normal, i), half->normal) : flat_leaves;
         /* deep / leaves or far, without a division */
-        const int by_own =
-            (leaves > CR_WAY_LEAVES_MIN) & (part[i] * at->deep_m[i] <= half->depth_m * leaves + CR_WAY_SLACK_M);
+        const int by_own = (leaves > CR_WAY_LEAVES_MIN) & (part[i] * at->deep_m[i] <= known_m * leaves);
         const int by_far = part[i] * (far + at->c->ramp[i]) <= half->depth_m;
         known |= (uint32_t)(by_own | by_far) << i;
     }
@@ -77,7 +77,8 @@ static void begin_ways(cr_way_ways *w, uint32_t lanes) {
 
 /* How far the piece of a lane reaches along the plane of a row. */
 static inline float reach_along(const cr_way_rest *r, int i, const cr_way_rows *e, uint32_t k) {
-    return cr_way_half_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
+    const float width = piece_width(r->c, i, e->curved[k] ? lane_of(r->normal, i) : e->normal[k]);
+    return 0.5f * CR_WAY_REACH * width + r->c->reach[i];
 }
 
 /* Ways through one row of planes: the next of those that bound the lanes. With vectors the reach is a loop of its own, or neither would be vector code. */
@@ -109,11 +110,11 @@ static inline int lane_is_deeper(const cr_way_rest *r, const cr_way_ways *w, int
 }
 
 /* The way of a lane that leaves through planes alone, which are the exits of all lanes. */
-static float way_by_planes(cr_way_rest *r, int i, float most_m, uint32_t *places) {
+static float way_by_planes(cr_way_rest *r, int i, float most_m, float known_m, uint32_t *places) {
     for (uint32_t k = 0; k < r->exits.count; k++) {
         r->exits.height_m[k] = r->height_m[k][i];
     }
-    return min_f(most_m, cr_way_longest(r->c, i, &r->exits, places));
+    return min_f(most_m, cr_way_longest(r->c, i, &r->exits, known_m, places));
 }
 
 /* One step of a march: how far along the normal each of some lanes has to go until it is outside, in steps as long as the distance. */
@@ -217,9 +218,9 @@ static void take_lane_left(const cr_way_survey *s) {
     const uint32_t planes = r->exits.count, exits = planes > 0u ? planes : s->scratch->rows.count;
     const int i = take_lane(&w->left);
     uint32_t places = 1u;
-    const float most_m = FAR_MAX * r->half->deep_m + r->c->ramp[i];
-    const float way_m =
-        planes > 0u ? way_by_planes(r, i, most_m, &places) : cr_way_of_lane(s->scratch, i, most_m, &places);
+    const float most_m = FAR_MAX * r->half->deep_m + r->c->ramp[i], known_m = r->half->depth_m / r->part[i];
+    const float way_m = planes > 0u ? way_by_planes(r, i, most_m, known_m, &places)
+                                    : cr_way_of_lane(s->scratch, i, most_m, known_m, &places);
     r->half->depth_m = max_f(r->half->depth_m, r->part[i] * way_m);
     w->spent += PARTS_OF_EXIT * (1u + exits) + places * (PARTS_OF_PLACE + PARTS_OF_FIRST * exits);
 }
@@ -289,7 +290,7 @@ static void count_in_zone(const cr_way_survey *s, const cr_way_spots *at, uint32
     const uint32_t parts = PARTS_OF_HALF + PARTS_OF_LANE * cr_count_lanes(lanes);
     for (uint32_t those = r->counts_for[z]; those != 0u;) {
         const uint32_t b = (uint32_t)take_lane(&those);
-        if (!is_next(s, parts)) {
+        if (has_lane(s->work->shallow, (int)r->half_of[b]) || !is_next(s, parts)) {
             continue;
         }
         const float most = r->part[z][b];

@@ -4,10 +4,6 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
-/* Bent pieces, and those amid a flat face, meet in corners so many half-widths from their middles; how one at the border of a flat face is cut is not known: from its
- * own border on it fades. */
-#define END 1.42f
-#define FLAT_END 1.05f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
@@ -29,8 +25,9 @@ typedef struct {
     cr_vec3 gradient, spread;
 } rival;
 
-/* The exits that may be first somewhere within reach half-widths of the middle, the shortest ones. */
-static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_exits *e, float reach, rival *out) {
+/* The exits that may be first somewhere within reach half-widths of the middle, the shortest ones. None where no way from there is longer than what is known. */
+static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_exits *e, float reach, float known_m,
+                            rival *out) {
     uint32_t count = 0u;
     float most = 3.0e38f;
     for (uint32_t k = 0; k < e->count; k++) {
@@ -49,6 +46,7 @@ static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_
             out[at] = r;
         }
     }
+    count = most <= known_m ? 0u : count;
     while (count > 1u &&
            out[count - 1u].way_m -
                    0.5f * reach * sqrtf(max_f(0.0f, v3_dot(out[count - 1u].gradient, out[count - 1u].spread))) >
@@ -70,8 +68,8 @@ static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *
     if (!(out < CR_WAY_REACH)) { /* nor where it is not a number */
         return base_m;
     }
-    const int wide = c->bow[i] > 0.0f || has_lane(c->inner_mask, i);
-    const float full = wide ? END : 1.0f, ends = wide ? END : FLAT_END, at = min_f(out, full);
+    const int wide = cr_way_is_wide(c, i);
+    const float full = wide ? CR_WAY_END : 1.0f, ends = wide ? CR_WAY_END : CR_WAY_FLAT_END, at = min_f(out, full);
     const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - ends), 0.0f, 1.0f);
     const float way_m = first_exit(e, v3_scale(u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
     return base_m + part * (way_m - base_m);
@@ -112,16 +110,20 @@ static cr_vec3 end_of_crease(const struct cr_img_cluster *c, int i) {
 }
 
 /* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
-float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *e, uint32_t *places) {
+float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *e, float known_m, uint32_t *places) {
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
     CR_ASSERT(e->count <= CR_WAY_EXITS_MAX);
     rival r[RIVALS_MAX];
     cr_vec3 y = {0.0f, 0.0f, 0.0f};
-    const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, r);
+    const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, known_m, r);
+    *places = 1u;
+    if (count == 0u) {
+        return 0.0f;
+    }
     const float base = max_f(0.0f, first_exit(e, y));
     float best = base;
     uint32_t looked_at = is_crease ? 3u : 1u;
-    if (is_crease && count > 0u) {
+    if (is_crease) {
         const cr_vec3 end = end_of_crease(c, i);
         best = max_f(best, max_f(first_exit(e, end), first_exit(e, v3_scale(end, -1.0f))));
     }
@@ -138,7 +140,7 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     return best;
 }
 
-float cr_way_of_lane(const cr_way_scratch *scratch, int i, float most_m, uint32_t *places) {
+float cr_way_of_lane(const cr_way_scratch *scratch, int i, float most_m, float known_m, uint32_t *places) {
     const cr_way_rest *r = &scratch->rest;
     const cr_way_rows *e = &scratch->rows;
     cr_way_exits exits;
@@ -150,7 +152,7 @@ float cr_way_of_lane(const cr_way_scratch *scratch, int i, float most_m, uint32_
             exits.leaves[exits.count++] = e->leaves[k][i];
         }
     }
-    const float way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits, places)) : most_m;
+    const float way_m = exits.count > 0u ? min_f(most_m, cr_way_longest(r->c, i, &exits, known_m, places)) : most_m;
     const float sure = cr_way_sure(r->half, scratch->ways.steep[i]);
     return sure < 1.0f ? sure * way_m + (1.0f - sure) * min_f(r->gone_m[i], way_m) : way_m;
 }

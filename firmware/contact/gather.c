@@ -154,7 +154,7 @@ static void add_one_layer(const cr_scene *s, const xform *pose, cr_contact_set *
 }
 
 void cr_way_add(cr_contact_set *set, uint32_t hit, const cr_looked *looked) {
-    static const cr_way_reach none = {0u, -1.0f, {0.0f, 0.0f, 0.0f}, 0.0f};
+    static const cr_way_reach none = {0u, 0.0f, {0.0f, 0.0f, 0.0f}, CR_WAY_NO_SPREAD};
     const uint32_t used = first_lanes(looked->c->count);
     cr_way_layers *l = &set->way.layers;
     CR_ASSERT(hit < set->hit_count && set->hits[hit].cluster == looked->cluster);

@@ -15,18 +15,15 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
 /* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, thrice over several; of each plane that a lane may count for, and
- * two more, a facet that it is deep below, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for, and
+ * two more, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for, and
  * again, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
-#define PARTS_OF_REACHED 11u
 #define PARTS_OF_FACET 34u
 #define PARTS_OF_CURVED 12u
 #define PARTS_OF_MADE 24u
 #define PARTS_OF_PLANE 32u
 #define PARTS_OF_FADED 2u
-/* A spread of normals of which nothing follows. */
-#define NO_SPREAD 3.0f
 
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t patch) {
@@ -71,9 +68,7 @@ CR_IN_LANES part part_below(const struct cr_img_cluster *c, int i, cr_vec3 n, fl
 }
 
 /* How deep it is at most. */
-static float deepest(const struct cr_img_cluster *c, int i, part p, float height_m) {
-    return 0.5f * CR_WAY_REACH * p.across_m + c->reach[i] - height_m;
-}
+static float deepest(part p, float height_m) { return 0.5f * CR_WAY_END * p.across_m - height_m; }
 
 /* Mean depth where other planes cut the piece too: by what they leave of it. */
 static float depth_left(part of_nearest, float coverage) {
@@ -97,33 +92,22 @@ static float depth_below_nearest(const struct cr_img_cluster *c, int i, cr_vec3 
     return depth_left(p, coverage);
 }
 
-/* A piece that is so deep below a plane widens what is known of the hit. */
-static void reach_to(cr_way_reach *r, cr_vec3 n, float deep_m) {
-    if (!(r->bound_m >= 0.0f)) {
-        r->toward = n;
-        r->bound_m = r->spread = 0.0f;
-    }
-    r->bound_m = max_f(r->bound_m, deep_m);
-    r->spread = max_f(r->spread, v3_norm(v3_sub(n, r->toward)));
-}
-
 /* All lanes over one plane, heights in the tool frame. Returns how deep they are at most. */
 static float fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
-                       cr_way_reach *reach, cr_way_layer *out) {
+                       cr_way_layer *out) {
     float deep = 0.0f, each[CR_LANES];
     for (int i = lane_at(near, 0); i < CR_LANES; i = lane_at(near, i + 1)) {
         const part p = part_below(c, i, n, height_m[i]);
         out->depth_m[i] = has_lane(lanes, i) ? p.depth_m : out->depth_m[i]; /* others may be known from another cell */
         out->coverage[i] = has_lane(lanes, i) ? p.share : out->coverage[i];
         const float on = CR_SCALAR ? 1.0f : (float)((near >> i) & 1u);
-        each[i] = on * deepest(c, i, p, height_m[i]);
+        each[i] = on * deepest(p, height_m[i]);
         deep = CR_SCALAR ? higher_f(deep, each[i]) : 0.0f;
     }
     for (int i = 0; i < CR_LANES && !CR_SCALAR; i++) {
         deep = higher_f(deep, each[i]);
     }
     out->lanes |= lanes;
-    reach_to(reach, n, deep);
     return deep;
 }
 
@@ -186,10 +170,17 @@ static void fill_behind_walls(const cr_scene *s, const struct cr_img_cluster *c,
             for (int i = 0; i < CR_LANES; i++) {
                 height_m[i] = -h->height_m[k][i];
             }
-            out->deep_m +=
-                fill_flat(c, lanes, out->near, v3_scale(p->normal_tool[k], -1.0f), height_m, &out->reach, wall);
+            out->deep_m += fill_flat(c, lanes, out->near, v3_scale(p->normal_tool[k], -1.0f), height_m, wall);
         }
     }
+}
+
+/* All lanes are over one surface: how deep they are below planes like this. */
+static void reach_to(cr_way_layers *l, cr_vec3 n, float spread, float deep_m) {
+    l->deep_m += deep_m;
+    l->reach.toward = n;
+    l->reach.spread = spread;
+    l->reach.bound_m = deep_m;
 }
 
 void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const float *coverage,
@@ -202,14 +193,13 @@ void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint3
         cr_way_layer *floor = layer_of(out, p->facet[0], s->facets[p->facet[0]].patch);
         out->parts += PARTS_OF_LANE * cr_count_lanes(out->near);
         if (floor != NULL) {
-            out->deep_m += fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], &out->reach, floor);
+            reach_to(out, p->normal_tool[0], 0.0f,
+                     fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], floor));
         }
         return;
     }
     cr_way_layer *of[CR_KIND_FACETS_MAX];
     uint32_t asked = 0u;
-    out->reach.spread = NO_SPREAD; /* measured without a lookup: not worth knowing */
-    out->reach.bound_m = max_f(0.0f, out->reach.bound_m);
     for (uint32_t top = 0; top < p->count; top++) {
         for (uint32_t left = lanes & h->highest[top]; left != 0u;) {
             const int i = take_lane(&left);
@@ -296,13 +286,11 @@ static void fill_curved(const struct cr_img_cluster *c, uint32_t lanes, const cr
         layer->normal_m.y[i] = layer->depth_m[i] * n.y;
         layer->normal_m.z[i] = layer->depth_m[i] * n.z;
         layer->coverage[i] = in * p.share;
-        deep = higher_f(deep, near * deepest(c, i, p, at->phi_m[i]));
+        deep = higher_f(deep, near * deepest(p, at->phi_m[i]));
         apart2 = higher_f(apart2, near * (x * x + y * y + z * z));
     }
     layer->lanes |= lanes;
-    out->deep_m += deep;
-    reach_to(&out->reach, v3(g->x[0], g->y[0], g->z[0]), deep);
-    out->reach.spread = max_f(out->reach.spread, sqrtf(apart2));
+    reach_to(out, v3(g->x[0], g->y[0], g->z[0]), sqrtf(apart2), deep);
 }
 
 /* All lanes over one facet that is not curved. */
@@ -310,7 +298,7 @@ static void fill_facet(const cr_field *f, const xform *pose, const struct cr_img
                        uint32_t index, cr_way_layers *out, cr_way_layer *floor) {
     float height_m[CR_LANES];
     const cr_vec3 n = cr_way_heights(f->scene, pose, c, index, height_m);
-    out->deep_m += fill_flat(c, lanes, out->near, n, height_m, &out->reach, floor);
+    reach_to(out, n, 0.0f, fill_flat(c, lanes, out->near, n, height_m, floor));
 }
 
 static void fill_common(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
@@ -354,29 +342,6 @@ void cr_way_normals(const xform *pose, const float *gx, const float *gy, const f
     }
 }
 
-/* What lanes in cells of several facets are deep below: these facets' planes, as far as they are near. */
-static void reach_all(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                      const cr_lookup *at, const cr_lanes3 *world, cr_way_layers *out) {
-    const cr_scene *s = f->scene;
-    while (lanes != 0u) {
-        const int i = take_lane(&lanes);
-        const cr_vec3 n = lane_of(&out->normal, i);
-        reach_to(&out->reach, n, cr_way_half_width(c, i, n) - at->phi_m[i]);
-        const int far = (at->entry[i] & CR_TOP_FAR) != 0u;
-        out->parts += PARTS_OF_LANE;
-        const struct cr_img_kind *kind = &s->kinds[far ? 0u : cr_field_kind(f, at, i)];
-        out->parts += PARTS_OF_REACHED * kind->count;
-        for (uint32_t k = 0; k < kind->count; k++) {
-            const struct cr_img_facet *facet = &s->facets[kind->facet[k]];
-            const cr_vec3 m = v3_from(facet->normal), m_tool = xform_unrotate(pose, m);
-            const float height = v3_dot(m, v3(world->x[i], world->y[i], world->z[i])) - facet->offset_m;
-            if (facet->curved != CR_FACET_CURVED && height < 0.0f) {
-                reach_to(&out->reach, m_tool, cr_way_half_width(c, i, m_tool) - height);
-            }
-        }
-    }
-}
-
 uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes) {
     uint32_t same = 0u, left = lanes;
     const uint32_t kind = at->kind[take_lane(&left)];
@@ -399,6 +364,7 @@ static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr
     cr_planes_measure(&planes, c, &heights);
     out->parts += PARTS_OF_PLANE * (1u + planes.count);
     cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
+    out->reach.spread = out->planes != 0u ? out->reach.spread : CR_WAY_NO_SPREAD;
 }
 
 /* A lane in a cell whose distances are not from planes. */
@@ -425,6 +391,7 @@ static void fill_all(const cr_field *f, const xform *pose, const cr_looked *l, c
     }
     if (surface != CR_WAY_NONE) {
         fill_common(f, pose, l->c, out->left, surface, l->at, &out->normal, out);
+        out->reach.spread = out->near == out->left ? out->reach.spread : CR_WAY_NO_SPREAD;
         out->left = 0u;
     }
 }
@@ -438,9 +405,6 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const cr_looked *l
         const uint32_t same = cr_way_same_cell(l->at, cells);
         out->left &= ~same;
         fill_over_cell(f, pose, l->c, same, l->coverage, l->at, out);
-    } else if (out->step == CR_WAY_CELLS) {
-        reach_all(f, pose, l->c, out->near & ~l->at->on_planes, l->at, l->world, out);
-        out->step = CR_WAY_BESIDE;
     } else {
         fill_over_samples(f, pose, l, take_lane(&out->left), out);
     }

@@ -5,7 +5,7 @@
 #define SIDE_FULL 0.25f
 
 /* Work, in parts of a unit: a hit that is looked up again, beside its lookup; a step, whatever it does; a zone that a hit is asked for, a half-space that
- * it may be deeper in, and a pair of zones; a lane that is told what it is over; a surface that is met, twice for a cell, and that is begun, beside zones that might be of it; a
+ * it may be deeper in, and a pair of zones; where it is asked whether it is, that, twice, each plane of the half-space and each lane; a lane that is told what it is over; a surface that is met, twice for a cell, and that is begun, beside zones that might be of it; a
  * side of it, if it is curved, and each lane there; a facet of a lane in a cell, beside surfaces that are told already, two a part, and one more of these; a
  * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more, or
  * above one of a round surface. */
@@ -13,6 +13,7 @@
 #define PARTS_OF_STEP 10u
 #define PARTS_OF_ASKED 3u
 #define PARTS_OF_DEEPER 2u
+#define PARTS_OF_STEEP 5u
 #define PARTS_OF_PAIR 2u
 #define PARTS_OF_TOLD 12u
 #define PARTS_OF_MET 6u
@@ -380,14 +381,23 @@ static int measure_hit(const cr_way_survey *s, const cr_hit *hit, cr_planes *pla
     return w->surfaces_done == w->surfaces;
 }
 
-/* Half-spaces that the samples of a hit may count for. */
-static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
+/* Half-spaces that the samples of a hit may count for: those of its zones; any, where some are near that are in no zone yet and over more than one surface, or over a
+ * round one, whose mean normal tells the zones. */
+static uint32_t halves_of(const cr_way_survey *s, const cr_hit *hit, const cr_way_reach *reach) {
     const cr_way_relations *r = s->relations;
+    const uint32_t all = (1u << r->half_count) - 1u;
+    if ((hit->near & ~hit->covered) != 0u && reach->spread >= CR_WAY_NO_SPREAD) {
+        return all;
+    }
     uint32_t halves = 0u, pairs = 0u;
     for (uint32_t left = reach->zones; left != 0u;) {
         const uint32_t z = (uint32_t)take_lane(&left);
         CR_ASSERT(z < s->zones->count && r->half_of[z] < r->half_count);
         pairs += PARTS_OF_ASKED;
+        if (s->zones->zones[z].flat == 0u) {
+            halves = all;
+            break;
+        }
         for (uint32_t those = r->counts_for[z]; those != 0u;) {
             halves |= 1u << r->half_of[take_lane(&those)];
             pairs += PARTS_OF_PAIR;
@@ -397,17 +407,78 @@ static uint32_t halves_of(const cr_way_survey *s, const cr_way_reach *reach) {
     return halves;
 }
 
-/* May a hit be deeper than what is known? It is no deeper than its bound below a plane that it is inside of; the way through that is longer by the cosine. */
-static int may_be_deeper(const cr_way_survey *s, const cr_way_reach *reach) {
-    for (uint32_t left = halves_of(s, reach); left != 0u;) {
-        const cr_way_half *half = &s->half[take_lane(&left)];
-        s->work->spent += PARTS_OF_DEEPER;
+/* Half-spaces that a hit may be deeper in than what is known: those to be asked for. It is no deeper than its bound below a plane that it is inside of; the way
+ * through that is longer by the cosine. */
+static void bound_hit(const cr_way_survey *s, const cr_hit *hit, const cr_way_reach *reach) {
+    cr_way_work *w = s->work;
+    for (uint32_t left = halves_of(s, hit, reach); left != 0u;) {
+        const uint32_t h = (uint32_t)take_lane(&left);
+        const cr_way_half *half = &s->half[h];
         const float leaves = v3_dot(half->normal, reach->toward) - reach->spread;
-        if (!(leaves > CR_WAY_STEEP_MIN && reach->bound_m <= leaves * half->depth_m + CR_WAY_SLACK_M)) {
-            return 1;
-        }
+        const int is_shallow =
+            leaves > CR_WAY_LEAVES_MIN && reach->bound_m <= leaves * (half->depth_m + CR_WAY_SLACK_M);
+        w->spent += PARTS_OF_DEEPER;
+        w->asks |= (uint32_t)!is_shallow << h;
+        w->shallow |= (uint32_t)is_shallow << h;
     }
-    return 0;
+}
+
+/* The plane of a half-space that it leaves most steeply, and how steeply; null where none bounds it. */
+static const cr_way_bound *steepest(const cr_way_half *half, float *leaves) {
+    const cr_way_bound *best = NULL;
+    *leaves = CR_WAY_LEAVES_MIN;
+    for (uint32_t b = 0; b < half->bound_count; b++) {
+        const float its = cr_way_leaves(half, &half->bounds[b]);
+        best = its > *leaves ? &half->bounds[b] : best;
+        *leaves = higher_f(*leaves, its);
+    }
+    return best;
+}
+
+/* May a hit be deeper in a half-space than what is known? Its lanes leave that, if not before, through the plane that is left most steeply: no later than from
+ * anywhere on their pieces; where that plane is all there is, from their middles and the ends of creases. */
+static int is_deeper(const cr_way_survey *s, const cr_hit *hit, const cr_way_half *half) {
+    const cr_scene *scene = s->in->field->scene;
+    const struct cr_img_cluster *c = &scene->clusters[hit->cluster];
+    const uint32_t lanes = (uint32_t)(hit->covered | hit->near) & first_lanes(c->count);
+    float leaves;
+    const cr_way_bound *q = steepest(half, &leaves);
+    uint32_t deeper = 0u;
+    s->work->spent += PARTS_OF_STEEP * (2u + half->bound_count + cr_count_lanes(lanes));
+    if (q == NULL) {
+        return 1;
+    }
+    const struct cr_img_kind *kind = &scene->kinds[hit->planes];
+    const uint32_t over = kind->count == 1u ? kind->facet[0] : hit->facet;
+    const uint32_t rising = half->bound_count == 1u && over == q->facet ? c->crease_mask : 0xffffu;
+    const float most_m = leaves * (half->depth_m + CR_WAY_SLACK_M);
+    for (int i = lane_at(lanes, 0); i < CR_LANES && !(CR_SCALAR && deeper != 0u); i = lane_at(lanes, i + 1)) {
+        const float h = height_above(c, i, q->normal, q->offset_m);
+        const float rise = (float)((rising >> i) & 1u) * cr_way_rise(c, i, piece_width(c, i, q->normal));
+        const int ends = (h < 0.0f) | (int)q->sure; /* or else nothing does there */
+        deeper |= (uint32_t) !(ends & (rise - h <= most_m)) << i;
+    }
+    return (deeper & lanes) != 0u;
+}
+
+/* A step of a hit: half-spaces that it may be deeper in, by what is known of it, and then whether it is, one by one. Returns whether it is in none. */
+static int ask_hit(const cr_way_survey *s, uint32_t hit) {
+    cr_way_work *w = s->work;
+    if (w->known == CR_WAY_UNKNOWN) {
+        w->known = CR_WAY_BOUNDED;
+        w->asks = w->shallow = 0u;
+        w->deeper = (uint32_t)(s->zones->dropped + s->zones->layers.dropped > 0u);
+        if (w->deeper == 0u) {
+            bound_hit(s, &s->in->set->hits[hit], &s->zones->reach[hit]);
+        }
+    } else {
+        const uint32_t h = (uint32_t)take_lane(&w->asks);
+        const uint32_t is = (uint32_t)is_deeper(s, &s->in->set->hits[hit], &s->half[h]);
+        w->deeper |= is;
+        w->shallow |= (1u - is) << h;
+    }
+    w->known = w->asks == 0u && w->deeper != 0u ? CR_WAY_ASKED : w->known;
+    return w->asks == 0u && w->deeper == 0u;
 }
 
 /* Where the zones are deepest first: most others are then known not to be deeper. Returns whether the hit is done. */
@@ -416,14 +487,10 @@ static int measure_step(const cr_way_survey *s, uint32_t step, cr_planes *planes
     const uint32_t hit = step < s->zones->count ? s->zones->zones[step].deep_hit : step - s->zones->count;
     uint32_t *measured = &w->measured[hit >> 5], bit = 1u << (hit & 31u);
     CR_ASSERT(hit < s->in->set->hit_count);
-    if ((*measured & bit) == 0u) {
-        /* what has been begun is ended: the answer is the same however it is cut */
-        if (w->known == CR_WAY_UNKNOWN && may_be_deeper(s, &s->zones->reach[hit])) {
-            w->known = CR_WAY_ASKED;
-        }
-        if (w->known != CR_WAY_UNKNOWN && !measure_hit(s, &s->in->set->hits[hit], planes, cell)) {
-            return 0;
-        }
+    /* what has been begun is ended: the answer is the same however it is cut */
+    if ((*measured & bit) == 0u &&
+        !(w->known < CR_WAY_ASKED ? ask_hit(s, hit) : measure_hit(s, &s->in->set->hits[hit], planes, cell))) {
+        return 0;
     }
     *measured |= bit;
     w->known = CR_WAY_UNKNOWN;

@@ -21,14 +21,20 @@ static int is_known(const cr_way_spots *at, uint32_t facet) {
     return k < at->count;
 }
 
+/* How much of a half-space's weight is at a plane: from 1 on it bounds in full. One that is hardly touched yet is hardly left through: it comes from afar, and where
+ * no other is steep a march tells the way until it is there. */
+static float seen_of(const cr_way_half *half, const cr_way_bound *q) { return q->weight_m3 / (SEEN * half->weight_m3); }
+
+float cr_way_leaves(const cr_way_half *half, const cr_way_bound *q) {
+    return v3_dot(q->normal, half->normal) * q->part * lower_f(1.0f, seen_of(half, q));
+}
+
 /* The planes that bound a half-space, but for those that are known. One that a lane is above does not bound it, unless the static object surely
  * ends there. */
 static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t lanes, cr_way_rows *e) {
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const cr_way_bound *q = &half->bounds[b];
-        /* A plane that is hardly touched yet is hardly left through: it comes from afar, and where no other is steep a march tells the way until it is there. */
-        const float seen = q->weight_m3 / (SEEN * half->weight_m3);
-        const float leaves = v3_dot(q->normal, half->normal) * q->part * lower_f(1.0f, seen);
+        const float leaves = cr_way_leaves(half, q);
         if (is_known(at, q->facet) || !(leaves > CR_WAY_LEAVES_MIN)) {
             continue;
         }
@@ -42,7 +48,7 @@ static void add_bounds(const cr_way_half *half, const cr_way_spots *at, uint32_t
         }
         e->facet[e->count] = q->facet;
         e->curved[e->count] = 0;
-        e->seen[e->count] = clamp_f(seen - 1.0f, 0.0f, 1.0f);
+        e->seen[e->count] = clamp_f(seen_of(half, q) - 1.0f, 0.0f, 1.0f);
         e->normal[e->count++] = q->normal;
     }
 }

@@ -206,9 +206,10 @@ typedef struct {
 /* What one hit is inside of, so that it need not be looked at again where others are deeper. */
 typedef struct {
     uint32_t zones; /* bits */
-    float bound_m;  /* no piece of its samples is anywhere deeper than this below a plane that it is inside of */
+    float
+        bound_m; /* where all are over one surface: no piece of its samples is anywhere deeper than this below a plane that it is inside of */
     cr_vec3 toward; /* a normal of those planes, tool frame */
-    float spread;   /* largest |difference| of the others to it */
+    float spread;   /* largest |difference| of the others to it, or CR_WAY_NO_SPREAD */
 } cr_way_reach;
 
 /* Samples of a cluster that are inside of one surface: how deep, and how much of each, as far as they count for it. */
@@ -220,9 +221,9 @@ typedef struct {
 } cr_way_layer;
 #define CR_WAY_LAYERS_MAX 12u
 
-/* Steps of what a hit is inside of: its planes; or the surface of all lanes that were looked up, or else cell by cell, what the others reach, and lane by
+/* Steps of what a hit is inside of: its planes; or the surface of all lanes that were looked up, or else cell by cell, and lane by
  * lane; all of them fade; layer by layer they come into the zones. */
-enum { CR_WAY_PLANES, CR_WAY_COMMON, CR_WAY_CELLS, CR_WAY_BESIDE, CR_WAY_FADE, CR_WAY_ADD };
+enum { CR_WAY_PLANES, CR_WAY_COMMON, CR_WAY_CELLS, CR_WAY_FADE, CR_WAY_ADD };
 
 typedef struct {
     uint32_t count, dropped;

@@ -13,10 +13,23 @@
 /* A piece of face is taken to reach at most this many half-widths from its middle. */
 #define CR_WAY_REACH 1.82f
 
-/* How far it varies from the middle of the piece to its end, m. */
-static inline float cr_way_half_width(const struct cr_img_cluster *c, int i, cr_vec3 n) {
-    return 0.5f * CR_WAY_REACH * piece_width(c, i, n) + c->reach[i];
+/* Bent pieces, and those amid a flat face, meet in corners so many half-widths from their middles; how one at the border of a flat face is cut is not known: from its
+ * own border on it fades. */
+#define CR_WAY_END 1.42f
+#define CR_WAY_FLAT_END 1.05f
+
+/* Purpose  whether a piece is looked at to its corners (CR_WAY_END), or to its border; creases to their ends. */
+static inline int cr_way_is_wide(const struct cr_img_cluster *c, int i) {
+    return (c->bow[i] > 0.0f) | has_lane(c->inner_mask, i);
 }
+
+/* Purpose  how much deeper below a plane than its middle a piece may be anywhere that it is looked at, m. */
+static inline float cr_way_rise(const struct cr_img_cluster *c, int i, float width_m) {
+    return 0.5f * width_m * (cr_way_is_wide(c, i) ? CR_WAY_END : CR_WAY_FLAT_END);
+}
+
+/* A spread of normals of which nothing follows. */
+#define CR_WAY_NO_SPREAD 3.0f
 
 /* Purpose  what a facet is felt as: itself, or where it is a plane of a round surface, sides of that as CR_WAY_CURVED with the patch. */
 static inline uint32_t cr_way_felt(const cr_scene *scene, uint32_t surface) {
@@ -173,8 +186,10 @@ typedef struct {
 /* A plane that the way leaves less steeply than this is not left through. */
 #define CR_WAY_LEAVES_MIN 1e-3f
 
-/* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m.   Output  places: on the piece, that were looked at. */
-float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits, uint32_t *places);
+/* Purpose  longest way to the first exit from anywhere on a sample's piece of surface, m; 0 where it is surely not longer than what is known.
+ * Output   places: on the piece, that were looked at. */
+float cr_way_longest(const struct cr_img_cluster *cluster, int lane, const cr_way_exits *exits, float known_m,
+                     uint32_t *places);
 
 /* Those half-spaces that have a depth, and how far each leads along the normal of each: 0 where it leads away. */
 typedef struct {
@@ -260,8 +275,8 @@ typedef struct {
     cr_way_shares shares;
 } cr_way_scratch;
 
-/* What is known of the hit in hand: nothing, that it may be deeper, what was looked up, and what it is over. */
-enum { CR_WAY_UNKNOWN, CR_WAY_ASKED, CR_WAY_LOOKED_UP, CR_WAY_TOLD };
+/* What is known of the hit in hand: nothing, half-spaces that it may be deeper in, that it is in one, what was looked up, and what it is over. */
+enum { CR_WAY_UNKNOWN, CR_WAY_BOUNDED, CR_WAY_ASKED, CR_WAY_LOOKED_UP, CR_WAY_TOLD };
 
 #define CR_WAY_MEASURED ((CR_CLUSTERS_MAX + 31u) / 32u)
 
@@ -271,7 +286,9 @@ typedef struct {
     uint32_t spent; /* work of this tick, in parts */
     uint32_t
         left; /* zones that a half-space is made of, while it is; then lanes that wait for all of their exits, for the half-space in hand: scratch.rest */
-    uint32_t known;                     /* of the hit in hand: CR_WAY_UNKNOWN and so on; */
+    uint32_t known;         /* of the hit in hand: CR_WAY_UNKNOWN and so on; */
+    uint32_t asks, shallow; /* half-spaces, as bits: where it is asked whether it is deeper, and where it is not; */
+    uint32_t deeper;        /* 1: it is, in another; */
     uint32_t surfaces, surfaces_done;   /* that it is over: met in this tick, and done; */
     uint32_t seen, done;                /* half-spaces that the one in hand counts for, in the same way */
     uint32_t moved;                     /* 1: something of the hit was done in this tick */
@@ -325,9 +342,9 @@ typedef struct {
     float deep_m[CR_LANES];  /* how deep each piece reaches below the first at most; endless where none is known */
 } cr_way_spots;
 
-/* Purpose  the way of a lane in full: anywhere on its piece, and by what a march found as far as no exit is trusted; m, most_m at most.
- * Output   places that were looked at. */
-float cr_way_of_lane(const cr_way_scratch *scratch, int lane, float most_m, uint32_t *places);
+/* Purpose  the way of a lane in full: anywhere on its piece, and by what a march found as far as no exit is trusted; m, most_m at most. 0 where it is surely
+ *          not longer than what is known.   Output  places that were looked at. */
+float cr_way_of_lane(const cr_way_scratch *scratch, int lane, float most_m, float known_m, uint32_t *places);
 
 /* Purpose  exits of lanes, but for their heights, where some flat planes and no other bound what they leave, and one of them steeply enough.   Output  height_m and
  *          exits, none where it is not so.   Returns  whether it is. */
@@ -336,6 +353,9 @@ int cr_way_find_exits(const cr_way_half *half, const cr_way_spots *at, cr_way_re
 /* Purpose  the rows of planes that bound lanes: those that are known at them, and those of the half-space, but for the known ones. One that a lane is above does not
  *          bound it, unless the static object surely ends there.   Output  but for lanes that are not asked for. */
 void cr_way_find_rows(const cr_way_half *half, const cr_way_spots *at, uint32_t lanes, cr_way_rows *rows);
+
+/* Purpose  cosine of a half-space's normal and a plane that bounds it, as far as it is left through: less where it belongs there in part, or hardly anything touches it. */
+float cr_way_leaves(const cr_way_half *half, const cr_way_bound *bound);
 
 /* Purpose  how far some lanes trust a row of planes that bounds them, once all rows are gone through: where the plane goes on and its facet does not, a march
  *          tells whether the way ends before.   Output  scratch->ways.steep. */

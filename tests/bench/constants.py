@@ -49,7 +49,7 @@ GIVEN = {
     "NEVER_M": "no length",
     "CR_WAY_NO_PLANE": "no cosine",
     "NOWHERE": "no height",
-    "NO_SPREAD": "no spread",
+    "CR_WAY_NO_SPREAD": "no spread",
     "CR_WAKE_NOW": "no distance",
     "POSITION_MAX_M": "a limit of the interface",
     "QUATERNION_TOLERANCE": "a limit of the interface",

@@ -419,7 +419,6 @@ static void lanes_of_two_cells_behind_one_wall_all_count(void **state) {
         cr_planes_measure(&wall, c, &h);
         memset(&layers, 0, sizeof layers);
         layers.near = 0xffffu;
-        layers.reach.bound_m = -1.0f;
         cr_way_over_planes(&rig.scene, c, 0x00ffu, NULL, &wall, &h, &layers);
         cr_way_over_planes(&rig.scene, c, 0xff00u, NULL, &wall, &h, &layers);
         assert_int_equal(layers.count, 1);
@@ -447,13 +446,13 @@ static void exits_that_are_the_same_are_one(void **state) {
         e.leaves[k] = 1.0f;
     }
     for (int i = 0; i < (int)c->count; i++) {
-        const float three = cr_way_longest(c, i, &e, &places);
+        const float three = cr_way_longest(c, i, &e, 0.0f, &places);
         e.count = 1u;
-        assert_true(cr_way_longest(c, i, &e, &places) == three);
+        assert_true(cr_way_longest(c, i, &e, 0.0f, &places) == three);
         e.count = 3u;
     }
     e.count = 0u;
-    assert_true(cr_way_longest(c, 0, &e, &places) == 0.0f);
+    assert_true(cr_way_longest(c, 0, &e, 0.0f, &places) == 0.0f);
     crt_close(&rig);
 }
 
@@ -553,7 +552,7 @@ static void no_way_starts_beside_a_piece(crt_rig *rig) {
             most = min_f(most, (wide_m - e.height_m[k]) / e.leaves[k]);
         }
         uint32_t places;
-        assert_true(cr_way_longest(c, i, &e, &places) <= max_f(0.0f, most) + 1e-8f);
+        assert_true(cr_way_longest(c, i, &e, 0.0f, &places) <= max_f(0.0f, most) + 1e-8f);
     }
 }
 

@@ -1,0 +1,70 @@
+/* Hits that are passed over, since they are no deeper than what is known, against each hit measured by itself, where nothing is known yet. */
+#ifndef UNIT_SHALLOW_H
+#define UNIT_SHALLOW_H
+
+#include "contact/way_out.h"
+
+#include <math.h>
+#include <string.h>
+
+/* What detection and the answer need. */
+typedef struct {
+    const cr_field *field;
+    cr_motion *motion;
+    cr_contact_set set;
+    cr_way_work together, alone;
+} shallow;
+
+/* Of some poses: hits, half-spaces deeper than 1 mm, the work that measuring took, all at once and one hit after the other, and how much less deep a half-space
+ * came out than its deepest hit, at worst. */
+typedef struct {
+    uint32_t hits, deep;
+    double together, alone;
+    double short_m;
+} shallow_tally;
+
+static inline void shallow_find(shallow *s, const xform *at, const cr_pose *pose) {
+    const cr_detect_options options = {.skip = CR_SKIP_ALL, .lookups_max = UINT32_MAX, .slices_max = UINT32_MAX};
+    static cr_descent search;
+    cr_stats stats;
+    memset(&search, 0, sizeof search);
+    memset(&stats, 0, sizeof stats);
+    cr_motion_advance(s->motion, pose);
+    (void)cr_detect(s->field, at, &options, s->motion, &search, &s->set, &stats);
+}
+
+/* The depths of all hits, or of one of them. Returns the work, in parts. */
+static inline uint32_t shallow_measure(shallow *s, const xform *at, uint32_t only, cr_way_work *work) {
+    const cr_config config = cr_config_default();
+    const cr_respond_input in = {.field = s->field, .world_from_tool = at, .set = &s->set, .config = &config};
+    cr_way_begin(&in, work);
+    for (uint32_t hit = 0; hit < s->set.hit_count && only != CR_HIT_NONE; hit++) {
+        work->measured[hit / 32u] |= (uint32_t)(hit != only) << (hit % 32u);
+    }
+    (void)cr_way_measure(&in, work, UINT32_MAX);
+    return work->spent;
+}
+
+static inline void shallow_compare(shallow *s, const cr_pose *pose, shallow_tally *t) {
+    const xform at = cr_xform_from_pose(pose);
+    double deepest_m[CR_WAY_ZONES_MAX] = {0.0};
+    shallow_find(s, &at, pose);
+    if (s->set.hit_count == 0u) {
+        return;
+    }
+    t->together += (double)shallow_measure(s, &at, CR_HIT_NONE, &s->together);
+    const uint32_t count = s->together.relations.half_count;
+    for (uint32_t hit = 0; hit < s->set.hit_count; hit++) {
+        t->alone += (double)shallow_measure(s, &at, hit, &s->alone);
+        for (uint32_t h = 0; h < count; h++) {
+            deepest_m[h] = fmax(deepest_m[h], (double)s->alone.half[h].depth_m);
+        }
+    }
+    for (uint32_t h = 0; h < count; h++) {
+        t->deep += deepest_m[h] > 1e-3;
+        t->short_m = fmax(t->short_m, fabs(deepest_m[h] - (double)s->together.half[h].depth_m));
+    }
+    t->hits += s->set.hit_count;
+}
+
+#endif
