@@ -4,6 +4,8 @@
  * a piece is at the middle, at the ends of a crease, or where two or three are as long: where a static edge or corner reaches into the piece. */
 #include "contact/way_out.h"
 
+/* A crease ends here, in half-widths, but for rounding. */
+#define CREASE_END 1.001f
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
@@ -35,7 +37,8 @@ static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_
         const float inverse = -1.0f / max_f(e->leaves[k], CR_WAY_LEAVES_MIN);
         rival r = {e->height_m[k] * inverse, v3_scale(e->normal[k], inverse), {0.0f, 0.0f, 0.0f}};
         r.spread = spread_times(c, i, r.gradient);
-        most = min_f(most, r.way_m + 0.5f * reach * sqrtf(max_f(0.0f, v3_dot(r.gradient, r.spread))));
+        const float most_m = r.way_m + 0.5f * reach * sqrtf(max_f(0.0f, v3_dot(r.gradient, r.spread)));
+        most = e->leaves[k] > CR_WAY_LEAVES_MIN ? min_f(most, most_m) : most;
         uint32_t at = count < RIVALS_MAX ? count++ : RIVALS_MAX;
         for (; at > 0u && out[at - 1u].way_m > r.way_m; at--) {
             if (at < RIVALS_MAX) {
@@ -63,7 +66,7 @@ static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *
     const cr_vec3 u = spread_times(c, i, y);
     const float out = sqrtf(higher_f(4.0f * v3_dot(u, y), v3_dot(u, u) / (c->ramp[i] * c->ramp[i])));
     if ((c->crease_mask >> i) & 1u) {
-        return out <= 1.001f ? first_exit(e, u) : base_m;
+        return out <= CREASE_END ? first_exit(e, u) : base_m;
     }
     if (!(out < CR_WAY_REACH)) { /* nor where it is not a number */
         return base_m;
@@ -115,7 +118,7 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     CR_ASSERT(e->count <= CR_WAY_EXITS_MAX);
     rival r[RIVALS_MAX];
     cr_vec3 y = {0.0f, 0.0f, 0.0f};
-    const uint32_t count = find_rivals(c, i, e, is_crease ? 1.0f : CR_WAY_REACH, known_m, r);
+    const uint32_t count = find_rivals(c, i, e, is_crease ? CREASE_END : CR_WAY_REACH, known_m, r);
     *places = 1u;
     if (count == 0u) {
         return 0.0f;

@@ -12,7 +12,7 @@
 #define PARTS_OF_LOOKUP 96u
 #define PARTS_OF_STEP 10u
 #define PARTS_OF_ASKED 3u
-#define PARTS_OF_DEEPER 2u
+#define PARTS_OF_DEEPER 3u
 #define PARTS_OF_STEEP 5u
 #define PARTS_OF_PAIR 2u
 #define PARTS_OF_TOLD 12u
@@ -429,8 +429,10 @@ static const cr_way_bound *steepest(const cr_way_half *half, float *leaves) {
     *leaves = CR_WAY_LEAVES_MIN;
     for (uint32_t b = 0; b < half->bound_count; b++) {
         const float its = cr_way_leaves(half, &half->bounds[b]);
-        best = its > *leaves ? &half->bounds[b] : best;
-        *leaves = higher_f(*leaves, its);
+        if (its > *leaves) {
+            best = &half->bounds[b];
+            *leaves = its;
+        }
     }
     return best;
 }

@@ -58,6 +58,7 @@ GIVEN = {
     "PERIOD_MIN_S": "rounding",
     "ROUNDING_M": "rounding",
     "CR_WAY_SLACK_M": "rounding",
+    "CREASE_END": "rounding",
     "NOTHING_M": "rounding",
     "LANDING_M": "rounding",
     "AREA_MIN_M2": "rounding",

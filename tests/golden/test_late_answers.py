@@ -14,13 +14,14 @@ sys.path.insert(0, str(ROOT / "tests" / "bench"))
 from late import HANDS, along, handled, measure  # noqa: E402
 
 BOUNDS_MM = {
-    "edge90_cube": (0.030, 0.038, 0.038, 0.040, 0.026),
-    "corner3_cube": (0.018, 0.022, 0.022, 0.027, 0.016),
-    "step_cube": (0.017, 0.026, 0.022, 0.024, 0.014),
-    "wall_cube": (0.15, 0.24, 0.20, 0.20, 0.10),
-    "groove_block": (0.011, 0.016, 0.021, 0.019, 0.006),
+    "edge90_cube": (0.028, 0.034, 0.035, 0.038, 0.023),
+    "corner3_cube": (0.017, 0.020, 0.021, 0.025, 0.014),
+    "step_cube": (0.015, 0.021, 0.019, 0.024, 0.014),
+    "wall_cube": (0.11, 0.155, 0.143, 0.16, 0.075),
+    "groove_block": (0.0093, 0.0100, 0.0163, 0.0126, 0.0037),
 }
-"""Force over stiffness, RMS in contact, by hand. A search that does not look ahead exceeds each, most threefold."""
+"""Force over stiffness, RMS in contact, by hand. A search that does not look ahead exceeds each, where an edge is
+near by three times."""
 UNITS = range(36, 45)
 """A board's 40 units, and a little less and more: in which tick a search begins is chance, and a block that lands is
 noticed a tick sooner or later. With 40 alone the same code had 0.0045 to 0.014 mm in the groove."""
@@ -45,7 +46,7 @@ def test_late_answers_are_near_those_of_ticks_that_have_all_they_need(
 def test_force_of_many_half_spaces_does_not_jump() -> None:
     """bar_u has up to nine: what was felt before an answer falls whatever their number.
 
-    Its answers are up to 80 ticks old: where one begins a tick later it meets another contact, and 0.06 to 0.14 mm are
+    Its answers are up to 60 ticks old: where one begins a tick later it meets another contact, and 0.065 to 0.084 mm are
     chance. What holds is the mean over a little more and a little less work.
     """
     rms_mm = []
@@ -54,7 +55,7 @@ def test_force_of_many_half_spaces_does_not_jump() -> None:
         assert late.late > 0.9
         assert late.step_mm < 1.3 * late.whole_step_mm
         rms_mm.append(late.rms_mm)
-    assert np.mean(rms_mm) < 0.11
+    assert np.mean(rms_mm) < 0.09
 
 
 def test_hands_go_along_the_path() -> None:

@@ -1,4 +1,4 @@
-"""Hits of the tool that are passed over, since they are no deeper than what is known: on parts' own paths and beside them."""
+"""Hits of the tool that are passed over, since they are no deeper than what is known, on parts' paths and beside."""
 
 from __future__ import annotations
 
@@ -31,13 +31,15 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-@pytest.mark.parametrize("scene", ["edge90_cube", "bar_u", "part_spanner", "groove_block"])
+@pytest.mark.parametrize(
+    "scene", ["edge90_cube", "cylinder_ball", "bar_u", "part_spanner", "groove_block"]
+)
 def test_what_is_passed_over_is_no_deeper(program: Path, scene: str, tmp_path: Path) -> None:
-    """Each hit by itself, where nothing is known yet, against all together; also a few mm and degrees beside the path."""
+    """Each lane by itself, where nothing is known yet, against all together; also a few mm and degrees beside."""
     rows = path_rows(load_trajectory(ROOT / f"build/meshes/{scene}.csv"))[::EVERY].astype(
         np.float64
     )
-    beside, draw = rows.copy(), np.random.default_rng(1)
+    beside, draw = rows.copy(), np.random.default_rng(3)
     beside[:, :3] += draw.normal(0.0, 3e-3, (len(rows), 3))
     beside[:, 3:7] += draw.normal(0.0, 0.08, (len(rows), 4))
     beside[:, 3:7] /= np.linalg.norm(beside[:, 3:7], axis=1, keepdims=True)
@@ -46,7 +48,7 @@ def test_what_is_passed_over_is_no_deeper(program: Path, scene: str, tmp_path: P
     job.write_bytes(path_job(image, np.concatenate([rows, beside]).astype("<f4")))
     said = subprocess.run([program, job], capture_output=True, text=True, check=True).stdout.split()
     found = {name: float(value) for name, value in zip(said[::2], said[1::2], strict=True)}
-    assert found["hits"] > 3000, found
-    assert found["deep"] > 100, found
-    assert found["short_um"] <= 2.0 * SLACK_UM, found
-    assert found["work"] < 0.2 * found["alone"], found
+    assert found["hits"] > 1500, found
+    assert found["deep"] > 50, found
+    assert found["short_um"] <= SLACK_UM, found
+    assert found["work"] < 0.05 * found["alone"], found

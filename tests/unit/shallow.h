@@ -1,4 +1,4 @@
-/* Hits that are passed over, since they are no deeper than what is known, against each hit measured by itself, where nothing is known yet. */
+/* Hits that are passed over, since they are no deeper than what is known, against each lane of each hit measured by itself, where nothing is known yet. */
 #ifndef UNIT_SHALLOW_H
 #define UNIT_SHALLOW_H
 
@@ -15,8 +15,8 @@ typedef struct {
     cr_way_work together, alone;
 } shallow;
 
-/* Of some poses: hits, half-spaces deeper than 1 mm, the work that measuring took, all at once and one hit after the other, and how much less deep a half-space
- * came out than its deepest hit, at worst. */
+/* Of some poses: hits, half-spaces deeper than 1 mm, the work that measuring took, all at once and one lane after the other, and how much less deep a
+ * half-space came out than its deepest lane, at worst: endless where that is no number. */
 typedef struct {
     uint32_t hits, deep;
     double together, alone;
@@ -45,6 +45,23 @@ static inline uint32_t shallow_measure(shallow *s, const xform *at, uint32_t onl
     return work->spent;
 }
 
+/* A lane of a hit after the other. */
+static inline void shallow_measure_lanes(shallow *s, const xform *at, uint32_t hit, double *deepest_m,
+                                         shallow_tally *t) {
+    cr_hit *h = &s->set.hits[hit];
+    const cr_hit kept = *h;
+    for (uint32_t left = (uint32_t)(kept.covered | kept.near); left != 0u;) {
+        h->covered = (uint16_t)(1u << take_lane(&left));
+        h->near = 0u;
+        t->alone += (double)shallow_measure(s, at, hit, &s->alone);
+        for (uint32_t k = 0; k < s->alone.relations.half_count; k++) {
+            const double depth_m = (double)s->alone.half[k].depth_m;
+            deepest_m[k] = depth_m >= 0.0 ? fmax(deepest_m[k], depth_m) : INFINITY;
+        }
+    }
+    *h = kept;
+}
+
 static inline void shallow_compare(shallow *s, const cr_pose *pose, shallow_tally *t) {
     const xform at = cr_xform_from_pose(pose);
     double deepest_m[CR_WAY_ZONES_MAX] = {0.0};
@@ -55,14 +72,12 @@ static inline void shallow_compare(shallow *s, const cr_pose *pose, shallow_tall
     t->together += (double)shallow_measure(s, &at, CR_HIT_NONE, &s->together);
     const uint32_t count = s->together.relations.half_count;
     for (uint32_t hit = 0; hit < s->set.hit_count; hit++) {
-        t->alone += (double)shallow_measure(s, &at, hit, &s->alone);
-        for (uint32_t h = 0; h < count; h++) {
-            deepest_m[h] = fmax(deepest_m[h], (double)s->alone.half[h].depth_m);
-        }
+        shallow_measure_lanes(s, &at, hit, deepest_m, t);
     }
     for (uint32_t h = 0; h < count; h++) {
+        const double short_m = deepest_m[h] - (double)s->together.half[h].depth_m;
         t->deep += deepest_m[h] > 1e-3;
-        t->short_m = fmax(t->short_m, fabs(deepest_m[h] - (double)s->together.half[h].depth_m));
+        t->short_m = short_m <= t->short_m ? t->short_m : short_m >= 0.0 ? short_m : INFINITY;
     }
     t->hits += s->set.hit_count;
 }
