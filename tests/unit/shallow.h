@@ -45,19 +45,25 @@ static inline uint32_t shallow_measure(shallow *s, const xform *at, uint32_t onl
     return work->spent;
 }
 
-/* A lane of a hit after the other. */
+/* A hit alone. */
+static inline void shallow_measure_hit(shallow *s, const xform *at, uint32_t hit, double *deepest_m, shallow_tally *t) {
+    t->alone += (double)shallow_measure(s, at, hit, &s->alone);
+    for (uint32_t k = 0; k < s->alone.relations.half_count; k++) {
+        const double depth_m = (double)s->alone.half[k].depth_m;
+        deepest_m[k] = depth_m >= 0.0 ? fmax(deepest_m[k], depth_m) : INFINITY;
+    }
+}
+
+/* A hit, and then a lane of it after the other: those of a hit march as far as any of them may have to. */
 static inline void shallow_measure_lanes(shallow *s, const xform *at, uint32_t hit, double *deepest_m,
                                          shallow_tally *t) {
     cr_hit *h = &s->set.hits[hit];
     const cr_hit kept = *h;
+    shallow_measure_hit(s, at, hit, deepest_m, t);
     for (uint32_t left = (uint32_t)(kept.covered | kept.near); left != 0u;) {
         h->covered = (uint16_t)(1u << take_lane(&left));
         h->near = 0u;
-        t->alone += (double)shallow_measure(s, at, hit, &s->alone);
-        for (uint32_t k = 0; k < s->alone.relations.half_count; k++) {
-            const double depth_m = (double)s->alone.half[k].depth_m;
-            deepest_m[k] = depth_m >= 0.0 ? fmax(deepest_m[k], depth_m) : INFINITY;
-        }
+        shallow_measure_hit(s, at, hit, deepest_m, t);
     }
     *h = kept;
 }
