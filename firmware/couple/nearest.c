@@ -410,12 +410,12 @@ void cr_couple_find_walls(cr_couple_view *v, const cr_lookup *at, int i, cr_vec3
     const cr_scene *s = v->field->scene;
     const struct cr_img_kind *kind = &s->kinds[cr_field_kind(v->field, at, i)];
     const int exact = kind->kind == (uint32_t)CR_KIND_CONCAVE && has_lane(at->from_facet, i);
-    uint32_t taken[CR_KIND_FACETS_MAX] = {0u};
-    float height_m[CR_KIND_FACETS_MAX];
     w->count = 0u;
     if (!exact && kind->kind != (uint32_t)CR_KIND_MIXED) {
         return;
     }
+    uint32_t taken[CR_KIND_FACETS_MAX] = {0u};
+    float height_m[CR_KIND_FACETS_MAX];
     for (uint32_t k = 0; k < kind->count; k++) {
         const struct cr_img_facet *f = &s->facets[kind->facet[k]];
         height_m[k] = v3_dot(v3_from(f->normal), place) - f->offset_m;
