@@ -46,8 +46,8 @@ def test_late_answers_are_near_those_of_ticks_that_have_all_they_need(
 def test_force_of_many_half_spaces_does_not_jump() -> None:
     """bar_u has up to nine: what was felt before an answer falls whatever their number.
 
-    Its answers are up to 60 ticks old: where one begins a tick later it meets another contact, and 0.065 to 0.084 mm
-    are chance. What holds is the mean over a little more and a little less work.
+    Its answers are up to 72 ticks old: where one begins a tick later it meets another contact, and what differs by that
+    is chance. What holds is the mean over a little more and a little less work.
     """
     rms_mm = []
     for units in UNITS:
