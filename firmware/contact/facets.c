@@ -5,13 +5,24 @@
  * more than this share of a voxel, or what the image's distances are off. */
 #define EXPLAINS 0.45f
 
+/* How far it is to the end of what has none, m: beyond all that a scene may be. */
+#define ENDLESS_M 1e9f
+
 /* How far a number lies outside of a range. */
 static float outside(float v, float low, float high) { return higher_f(0.0f, higher_f(low - v, v - high)); }
 
-float cr_way_beside(const struct cr_img_facet *f, cr_vec3 p) {
+/* Where the foot of a point lies in the plane of a facet, along the sides of its rectangle. */
+CR_OUT_OF_LINE void place_on(const struct cr_img_facet *f, cr_vec3 p, float at[2]) {
     const cr_vec3 along = v3_from_16(f->along), across = v3_cross(v3_from(f->normal), along);
-    const float x = outside(v3_dot(along, p), f->low_m[0], f->high_m[0]);
-    const float y = outside(v3_dot(across, p), f->low_m[1], f->high_m[1]);
+    at[0] = v3_dot(along, p);
+    at[1] = v3_dot(across, p);
+}
+
+float cr_way_beside(const struct cr_img_facet *f, cr_vec3 p) {
+    float at[2];
+    place_on(f, p, at);
+    const float x = outside(at[0], f->low_m[0], f->high_m[0]);
+    const float y = outside(at[1], f->low_m[1], f->high_m[1]);
     return sqrtf(x * x + y * y);
 }
 
@@ -55,6 +66,17 @@ static void weigh_facets(const cr_scene *s, float phi_m, cr_vec3 p, cr_way_facet
         out->share[k] = higher_f(off_m[k], beside_m[k] * turned);
     }
     share_by(most_m, out);
+}
+
+float cr_facet_margin(const struct cr_img_facet *f, cr_vec3 p) {
+    float at[2], margin_m = ENDLESS_M;
+    place_on(f, p, at);
+    for (uint32_t side = 0; side < CR_FACET_SIDES; side++) {
+        const uint32_t a = side >> 1;
+        const float its_m = (side & 1u) != 0u ? f->high_m[a] - at[a] : at[a] - f->low_m[a];
+        margin_m = ((uint32_t)f->ends >> side & 1u) != 0u ? lower_f(margin_m, its_m) : margin_m;
+    }
+    return margin_m;
 }
 
 void cr_way_facets_of(const cr_field *f, const cr_lookup *at, int lane, cr_vec3 p, cr_way_facets *out) {

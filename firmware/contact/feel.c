@@ -221,11 +221,21 @@ void cr_world_clear_fault(cr_world *world) {
     forget_contact(world);
 }
 
+/* How deep it is felt with its point at p: not as a plane that goes on where its facet has ended. Not a number stays one. */
+static float felt_depth(const cr_scene *s, const cr_held *h, cr_vec3 p) {
+    const float depth_m = cr_held_depth(h, p);
+    if (h->per_margin <= 0.0f) {
+        return depth_m;
+    }
+    const float most_m = h->beyond_m + h->per_margin * cr_facet_margin(&s->facets[h->facet], p);
+    return most_m < depth_m ? most_m : depth_m;
+}
+
 /* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of
- * its plane there is no area in this tick; the next one may be in it again. */
+ * its plane, or has left its facet, there is no area in this tick; the next one may be in it again. */
 static void push_held(const instant *m, const cr_held *h, float share, cr_output *out) {
     const cr_vec3 p = cr_xform_point(&m->now, h->point_tool_m);
-    const float depth_m = cr_held_depth(h, p);
+    const float depth_m = felt_depth(&m->w->scene, h, p);
     if (depth_m <= 0.0f) {
         return;
     }

@@ -127,12 +127,15 @@ struct cr_img_kind {
 /* A plane; one that stands for a curved patch, only nominal; a plane of a curved patch, as at a crease: zones are those of the patch. */
 enum { CR_FACET_FLAT = 0u, CR_FACET_CURVED = 1u, CR_FACET_OF_CURVED = 2u };
 
+#define CR_FACET_SIDES 4u
+
 /* A planar facet (merged coplanar triangles), or for a curved patch its area-weighted mean. normal . x = offset. Seen along the normal it lies in a rectangle. */
 struct cr_img_facet {
     float normal[3];
     float offset_m;
     uint32_t patch;            /* smooth piece of the surface it belongs to */
-    uint16_t curved;           /* CR_FACET_* */
+    uint8_t curved;            /* CR_FACET_* */
+    uint8_t ends;              /* bits: beyond which sides of its rectangle the surface does not go on: low, high, and those across */
     int16_t along[3];          /* one side of the rectangle, across the normal: a unit vector times 32,767 */
     float low_m[2], high_m[2]; /* from where to where it reaches, along that and along normal x along */
 };

@@ -36,13 +36,42 @@ static int respond(cr_world *w, const xform *at, const cr_slice *slice, cr_hand 
     return whole;
 }
 
+/* The facet that weighs most in a half-space, and how deep that may be felt at its end: as deep as it pushes there now. */
+static void end_at_facet(const cr_world *w, uint32_t zones, const cr_area *area, cr_held *to) {
+    float most_m3 = 0.0f;
+    while (zones != 0u) {
+        const cr_way_zone *z = &w->set.way.zones[take_lane(&zones)];
+        if (z->flat != 0u && z->weight_m3 > most_m3) {
+            most_m3 = z->weight_m3;
+            to->facet = z->key.surface;
+        }
+    }
+    const struct cr_img_facet *facet = &w->scene.facets[to->facet];
+    const float along = v3_dot(area->normal_world, v3_from(facet->normal));
+    if (most_m3 > 0.0f && along > CR_WAY_STEEP_MIN) {
+        to->per_margin = 1.0f / along;
+        to->beyond_m = area->depth_m - to->per_margin * lower_f(0.0f, cr_facet_margin(facet, area->point_world_m));
+    }
+}
+
 /* What later ticks need of the areas that were answered. */
-static void keep(const xform *at, const cr_area *areas, cr_hand *hand) {
+static void keep(const cr_world *w, const xform *at, const cr_area *areas, cr_hand *hand) {
     CR_ASSERT(hand->count <= CR_AREAS_MAX);
     for (uint32_t i = 0; i < hand->count; i++) {
         const cr_area *a = &areas[i];
         const cr_vec3 point_tool_m = xform_unrotate(at, v3_sub(a->point_world_m, at->t));
-        hand->held[i] = (cr_held){a->normal_world, point_tool_m, a->offset_m, a->area_m2};
+        hand->held[i] = (cr_held){a->normal_world, point_tool_m, a->offset_m, a->area_m2, 0u, 0.0f, 0.0f};
+    }
+#ifdef CR_RIVALS
+    if (w->config.response != CR_RESPONSE_WAY_OUT) {
+        return;
+    }
+#endif
+    for (uint32_t h = 0; h < w->way.relations.half_count; h++) {
+        const uint32_t i = w->way.area[h];
+        if (i != CR_HIT_NONE) {
+            end_at_facet(w, w->way.half[h].zones, &areas[i], &hand->held[i]);
+        }
     }
 }
 
@@ -126,7 +155,7 @@ static int answer(cr_world *w, const xform *at, const cr_slice *slice, cr_hand *
         hand->ahead = 0u;
         w->again = 1u;
     } else if (hand->count > 0u) {
-        keep(at, areas, hand);
+        keep(w, at, areas, hand);
         w->answered = w->searched;
     }
     return !w->again;

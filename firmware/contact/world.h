@@ -14,10 +14,13 @@ typedef struct {
     cr_pose pose;
 } cr_felt;
 
-/* A half-space that pushes, as it is kept until the next answer: its plane stays in the world, its point on the tool. */
+/* A half-space that pushes, as it is kept until the next answer: its plane stays in the world, its point on the tool. It is of a facet, where that weighs most in
+ * it, and felt no deeper than the way from its point to the end of that, and beyond_m more; per_margin times as far, since it is askew; 0: of none. */
 typedef struct {
     cr_vec3 normal_world, point_tool_m;
     float offset_m, area_m2;
+    uint32_t facet;
+    float beyond_m, per_margin;
 } cr_held;
 
 /* The contact at the pose with these two numbers. */
@@ -28,7 +31,7 @@ typedef struct {
     cr_held held[CR_AREAS_MAX];
 } cr_hand;
 
-/* How deep it is with its point at p. */
+/* How deep it is with its point at p, were its plane endless. */
 static inline float cr_held_depth(const cr_held *h, cr_vec3 p_world) {
     return h->offset_m - v3_dot(h->normal_world, p_world);
 }

@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 import numpy.typing as npt
 import pytest
-from crease.bake.kinds import CORNERS_FEW, SHORT_ONE, Probes, distance_from_planes, rectangles
+from crease.bake.kinds import (
+    CORNERS_FEW,
+    SHORT_ONE,
+    Kinds,
+    Probes,
+    distance_from_planes,
+    rectangles,
+)
+from crease.bake.surface import make_surface
+from crease.mesh.mesh import make_mesh
 
 F64 = npt.NDArray[np.float64]
 
@@ -126,3 +136,75 @@ def test_rectangles_of_few_corners_are_those_of_their_hull() -> None:
     np.testing.assert_allclose(
         (high - low).sum(axis=1), (high_hull - low_hull).sum(axis=1), atol=5e-6
     )
+
+
+def ends_of(outline_mm: list[tuple[float, float]], reach_m: float = 1e-3) -> list[set[str]]:
+    """Where the faces of a prism, 40 mm along y, of an outline in x and z, counter-clockwise seen from -y, end: of each
+    side of the outline, as "y", "start" and "end" of it.
+    """
+    shape = manifold3d.CrossSection([[(x, z) for x, z in outline_mm]]).extrude(40.0).to_mesh()
+    x, z, y = np.asarray(shape.vert_properties, np.float64)[:, :3].T
+    vertices = np.column_stack([x, 20.0 - y, z])
+    surface = make_surface(make_mesh(vertices, np.asarray(shape.tri_verts), 1e-3, source="prism"), 30.0)
+    kinds = Kinds(surface)
+    for facet in range(len(surface.facet_plane)):
+        kinds.planar(facet)
+    planes = kinds.records(reach_m)[1]
+    found = []
+    for i, start in enumerate(outline_mm):
+        way = np.subtract(outline_mm[(i + 1) % len(outline_mm)], start)
+        way = np.array([way[0], 0.0, way[1]]) / np.linalg.norm(way)
+        normal, point = np.array([way[2], 0.0, -way[0]]), 1e-3 * np.array([start[0], 0.0, start[1]])
+        (row,) = [
+            p for p in planes if p["normal"] @ normal > 0.9999 and abs(normal @ point - p["offset_m"]) < 1e-6
+        ]
+        along = row["along"] / SHORT_ONE
+        across = np.cross(row["normal"], along)
+        outward = [-along, along, -across, across]
+        mine: set[str] = set()
+        for side, out in enumerate(outward):
+            if row["ends"] >> side & 1:
+                mine.add("y" if abs(out[1]) > 0.9 else "end" if out @ way > 0.0 else "start")
+        found.append(mine)
+    return found
+
+
+ALL = {"y", "start", "end"}
+
+
+def test_faces_of_a_box_end_on_all_sides() -> None:
+    assert ends_of([(0, 0), (60, 0), (60, 20), (0, 20)]) == [ALL] * 4
+
+
+def test_a_floor_does_not_end_where_a_wall_stands_on_it() -> None:
+    step = [(0, 0), (60, 0), (60, 10), (30, 10), (30, 30), (0, 30)]
+    assert ends_of(step) == [ALL, ALL, {"y", "start"}, {"y", "end"}, ALL, ALL]
+
+
+@pytest.mark.parametrize(("turn_deg", "ends"), [(10.0, False), (29.0, False), (31.0, True), (80.0, True)])
+def test_a_face_ends_where_it_bends_by_more_than_thirty_degrees(turn_deg: float, ends: bool) -> None:
+    drop = 30.0 * np.tan(np.radians(turn_deg)) if turn_deg < 60.0 else 0.0
+    end = (60.0, 60.0 - drop) if drop else (30.0 + 30.0 / np.tan(np.radians(turn_deg)), 30.0)
+    bent = [(0.0, 0.0), (end[0], 0.0), end, (30.0, 60.0), (0.0, 60.0)]
+    top, slope = ends_of(bent)[3], ends_of(bent)[2]
+    assert ("start" in top) == ends
+    assert ("end" in slope) == ends
+    assert {"y", "end"} <= top
+
+
+def test_a_face_that_is_bordered_in_part_ends_where_most_of_the_side_does() -> None:
+    """A wall on 18 of 40 mm of the side of a floor lets it end there, on 22 it does not."""
+    for width, ends in ((18.0, True), (22.0, False)):
+        floor = manifold3d.Manifold.cube((60.0, 40.0, 10.0))
+        wall = manifold3d.Manifold.cube((5.0, width, 30.0)).translate((60.0, 0.0, 0.0))
+        made = (floor + wall).to_mesh()
+        vertices = np.asarray(made.vert_properties, np.float64)[:, :3]
+        surface = make_surface(make_mesh(vertices, np.asarray(made.tri_verts), 1e-3, source="floor"), 30.0)
+        kinds = Kinds(surface)
+        for facet in range(len(surface.facet_plane)):
+            kinds.planar(facet)
+        planes = kinds.records(1e-3)[1]
+        (row,) = [p for p in planes if p["normal"][2] > 0.9999 and abs(p["offset_m"] - 0.01) < 1e-6]
+        along = row["along"] / SHORT_ONE
+        outward = np.array([-along, along, -np.cross(row["normal"], along), np.cross(row["normal"], along)])
+        assert bool(row["ends"] >> int(np.argmax(outward[:, 0])) & 1) == ends

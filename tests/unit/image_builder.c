@@ -245,7 +245,7 @@ static void fill_features(const crt_solid *s, parts *p) {
         }
         facet[f].offset_m = (float)n[3];
         facet[f].patch = (uint32_t)f;
-        facet[f].curved = (uint16_t)ball;
+        facet[f].curved = (uint8_t)ball;
         fill_rectangle(s, &facet[f]);
         for (int g = f + 1; g < facets; g++) {
             int apart = f < s->sides && g < s->sides && s->sides == 4 && g - f == 2;

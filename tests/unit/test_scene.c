@@ -512,6 +512,7 @@ static void scene_refuses_words_without_meaning(void **state) {
     } bad[] = {{CR_SEC_TOP, 0, CR_TOP_FAR | band},
                {CR_SEC_SAMPLES, 0, 0x8000u},
                {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), 3u},
+               {CR_SEC_FACETS, offsetof(struct cr_img_facet, curved), 0x1000u}, /* ends of a fifth side */
                {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 0u},
                {CR_SEC_PAIRS, offsetof(struct cr_img_pair, label), 4u},
                {CR_SEC_EDGES, offsetof(struct cr_img_edge, label), 3u},

@@ -247,6 +247,64 @@ static void feel_of_a_wall_is_that_of_the_pose_at_any_rate(void **state) {
     }
 }
 
+/* The top of the block with an edge, as the bake describes it: 40 mm along x, 80 along y, with all of its ends or those alone that are given. */
+static void describe_top(const crt_rig *rig, uint8_t ends) {
+    struct cr_img_facet *top = (struct cr_img_facet *)crt_section(rig->image, CR_SEC_FACETS) + 2;
+    assert_float_equal(top->normal[2], 1.0f, 0.0f);
+    top->along[0] = 32767;
+    top->along[1] = top->along[2] = 0;
+    top->low_m[0] = top->low_m[1] = -40e-3f;
+    top->high_m[0] = 0.0f;
+    top->high_m[1] = 40e-3f;
+    top->ends = ends;
+}
+
+/* A contact is searched for once, 10 mm of the cube over the block and 1 mm deep, and felt along a way from there.   Output  depths that were felt.
+ * Returns how far its point was from the edge, m: in the middle of what is over the block. */
+static float feel_along(crt_rig *rig, uint8_t ends, double x_m, double deeper_m, float *depth_m, int count) {
+    float margin_m = 0.0f;
+    restart(rig);
+    describe_top(rig, ends);
+    const cr_pose at = crt_pose(-2e-3, 0.0, HALF_M - 1e-3);
+    (void)feel(rig, &at);
+    search_whole(rig);
+    for (int i = 0; i < count; i++) {
+        const double part = (double)i / (count - 1);
+        const cr_pose pose = crt_pose(-2e-3 + part * x_m, 0.0, HALF_M - 1e-3 - part * deeper_m);
+        const cr_output out = feel(rig, &pose);
+        assert_int_equal(out.faults, 0u);
+        depth_m[i] = out.force_world_N.z / STIFFNESS_N_M;
+        margin_m = i == 0 ? -out.areas[0].point_world_m.x : margin_m;
+    }
+    assert_float_equal(depth_m[0], 1e-3f, 2e-6f);
+    assert_float_equal(margin_m, 5e-3f, 0.3e-3f);
+    return margin_m;
+}
+
+#define WAY 201
+/* Slid over the edge a contact ends within the millimetre that it is deep once its point has left the face, and pressed it is felt to the way out at the edge, not on and
+ * on. Where the surface goes on, or ends on the other side alone, it is felt as a plane without end. So near the edge the planes are 0.4 degrees askew. */
+static void contact_is_not_felt_where_its_face_has_ended(void **state) {
+    (void)state;
+    static float slid_m[WAY], pressed_m[WAY];
+    const uint8_t ends[3] = {15u, 2u, 4u | 8u | 1u};
+    for (int k = 0; k < 3; k++) {
+        const float margin_m = feel_along(&edge, ends[k], 20e-3, 0.0, slid_m, WAY);
+        (void)feel_along(&edge, ends[k], 0.0, 20e-3, pressed_m, WAY);
+        const float most_m = 1e-3f + margin_m;
+        for (int i = 0; i < WAY; i++) {
+            const float gone_m = 20e-3f * (float)i / (WAY - 1);
+            if (k == 2) {
+                assert_float_equal(slid_m[i], 1e-3f, 0.15e-3f);
+                assert_float_equal(pressed_m[i], 1e-3f + gone_m, 4e-6f);
+                continue;
+            }
+            assert_float_equal(slid_m[i], fmaxf(0.0f, fminf(1e-3f, most_m - gone_m)), 0.05e-3f);
+            assert_float_equal(pressed_m[i], fminf(1e-3f + gone_m, most_m), 1e-5f);
+        }
+    }
+}
+
 static void feel_with_a_bad_pose_forgets_what_is_searched_for(void **state) {
     (void)state;
     restart(&wall);
@@ -323,6 +381,7 @@ int main(void) {
         cmocka_unit_test(search_rests_until_a_pose_is_felt),
         cmocka_unit_test(feel_at_rest_is_the_tick_whatever_the_slice),
         cmocka_unit_test(feel_of_a_wall_is_that_of_the_pose_at_any_rate),
+        cmocka_unit_test(contact_is_not_felt_where_its_face_has_ended),
         cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
         cmocka_unit_test(answers_that_say_the_same_change_nothing),
         cmocka_unit_test(areas_beyond_room_are_counted),

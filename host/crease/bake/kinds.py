@@ -23,6 +23,12 @@ CORNERS_FEW = 24
 """Up to so many corners the sides of their hull are looked for among all ways from one to another."""
 NUMBERS_AT_ONCE = 2_000_000
 """Held at a time where many directions are tried."""
+END_POINTS = 9
+"""Points beside a side of a facet's rectangle that tell whether the surface goes on there."""
+END_SINE = 0.5
+"""It does where it falls off by less than 30 degrees, over a voxel."""
+FACETS_AT_ONCE = 4096
+"""Facets whose ends are looked for at a time."""
 MERGE_STEPS = 6
 """How often rows are merged more coarsely, until they fit."""
 
@@ -141,7 +147,7 @@ class Kinds:
             self._rows.append(key)
         return self._index[key]
 
-    def records(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    def records(self, voxel_m: float) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         """The image sections KINDS and FACETS."""
         kinds = np.zeros(len(self._rows), KIND)
         for row, (kind, facets) in zip(kinds, self._rows, strict=True):
@@ -152,6 +158,7 @@ class Kinds:
             row["normal"], row["offset_m"] = without_dust(np.array(plane[:3]), 1.0), plane[3]
             row["patch"], row["curved"] = patch, curved
         self._put_rectangles(planes)
+        self._put_ends(planes, voxel_m)
         return kinds, planes
 
     def _put_rectangles(self, planes: npt.NDArray[Any]) -> None:
@@ -174,6 +181,29 @@ class Kinds:
             points = mesh.vertices_m[corner[first[mine, None] + np.arange(corners)]]
             found = rectangles(normals[mine], points)
             planes["along"][mine], planes["low_m"][mine], planes["high_m"][mine] = found
+
+    def _put_ends(self, planes: npt.NDArray[Any], reach_m: float) -> None:
+        """Beyond which sides of their rectangles flat facets have no surface, a voxel on: along most of the side."""
+        flat = np.flatnonzero(planes["curved"] == int(lib.CR_FACET_FLAT))
+        for rows in np.split(flat, range(FACETS_AT_ONCE, len(flat), FACETS_AT_ONCE)):
+            mine = planes[rows]
+            normal, along = mine["normal"].astype(np.float64), mine["along"] / SHORT_ONE
+            axes = np.stack([along, np.cross(normal, along)], axis=1)
+            low, high = mine["low_m"].astype(np.float64), mine["high_m"].astype(np.float64)
+            ends = np.zeros(len(rows), np.uint8)
+            for side in range(int(lib.CR_FACET_SIDES)):
+                axis, is_high = divmod(side, 2)
+                beyond = high[:, axis] + reach_m if is_high else low[:, axis] - reach_m
+                other = np.linspace(low[:, 1 - axis], high[:, 1 - axis], END_POINTS, axis=1)
+                points = (
+                    (normal * mine["offset_m"][:, None])[:, None]
+                    + (axes[:, axis] * beyond[:, None])[:, None]
+                    + axes[:, None, 1 - axis] * other[..., None]
+                )
+                phi, _ = self._surface.signed_distance(points.reshape(-1, 3))
+                ended = (phi.reshape(other.shape) > END_SINE * reach_m).mean(axis=1) > 0.5
+                ends |= ended.astype(np.uint8) << np.uint8(side)
+            planes["ends"][rows] = ends
 
     def merged(self, voxel_m: float) -> npt.NDArray[np.int32]:
         """The new index of every row, after alike rows became one so that at most KINDS_MAX are left.

@@ -386,7 +386,7 @@ def make_voxmap(
     planes = find_planes(bricks_near, sorter.kinds, quantum)
     if len(sorter.kinds) > KINDS_MAX:
         cells, planes = _merged(sorter.kinds, cells, planes, voxel_m)
-    kinds, facets = sorter.kinds.records()
+    kinds, facets = sorter.kinds.records(voxel_m)
     level = choose_levels(phi, tolerance_m)
     if depth_max_m is not None:
         deep = phi.max(axis=(1, 2, 3)) < -(depth_max_m + near_m)
