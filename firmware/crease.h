@@ -123,7 +123,7 @@ enum {
 
 typedef struct {
     float stiffness_N_m;    /* 0..1e6 */
-    float damping_Ns_m;     /* 0..1e4, along the area normal, never making the force pull */
+    float damping_Ns_m;     /* 0..1e4, along the area normal, never making the force pull; areas share it */
     float force_max_N;      /* > 0, limit on |force|; torque is scaled along */
     uint32_t response;      /* cr_response */
     uint32_t coverage;      /* cr_coverage */

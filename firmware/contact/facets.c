@@ -69,13 +69,16 @@ static void weigh_facets(const cr_scene *s, float phi_m, cr_vec3 p, cr_way_facet
 }
 
 float cr_facet_margin(const struct cr_img_facet *f, cr_vec3 p) {
+    const uint32_t ends = f->ends;
     float at[2], margin_m = ENDLESS_M;
-    place_on(f, p, at);
-    for (uint32_t side = 0; side < CR_FACET_SIDES; side++) {
-        const uint32_t a = side >> 1;
-        const float its_m = (side & 1u) != 0u ? f->high_m[a] - at[a] : at[a] - f->low_m[a];
-        margin_m = ((uint32_t)f->ends >> side & 1u) != 0u ? lower_f(margin_m, its_m) : margin_m;
+    if (ends == 0u) {
+        return margin_m;
     }
+    place_on(f, p, at);
+    margin_m = (ends & 1u) != 0u ? lower_f(margin_m, at[0] - f->low_m[0]) : margin_m;
+    margin_m = (ends & 2u) != 0u ? lower_f(margin_m, f->high_m[0] - at[0]) : margin_m;
+    margin_m = (ends & 4u) != 0u ? lower_f(margin_m, at[1] - f->low_m[1]) : margin_m;
+    margin_m = (ends & 8u) != 0u ? lower_f(margin_m, f->high_m[1] - at[1]) : margin_m;
     return margin_m;
 }
 

@@ -224,10 +224,10 @@ void cr_world_clear_fault(cr_world *world) {
 /* How deep it is felt with its point at p: not as a plane that goes on where its facet has ended. Not a number stays one. */
 static float felt_depth(const cr_scene *s, const cr_held *h, cr_vec3 p) {
     const float depth_m = cr_held_depth(h, p);
-    if (h->per_margin <= 0.0f) {
+    if (h->facet == CR_FACET_NONE) {
         return depth_m;
     }
-    const float most_m = h->beyond_m + h->per_margin * cr_facet_margin(&s->facets[h->facet], p);
+    const float most_m = h->beyond_m + cr_facet_margin(&s->facets[h->facet], p);
     return most_m < depth_m ? most_m : depth_m;
 }
 
@@ -235,7 +235,7 @@ static float felt_depth(const cr_scene *s, const cr_held *h, cr_vec3 p) {
  * its plane, or has left its facet, there is no area in this tick; the next one may be in it again. */
 static void push_held(const instant *m, const cr_held *h, float share, cr_output *out) {
     const cr_vec3 p = cr_xform_point(&m->now, h->point_tool_m);
-    const float depth_m = felt_depth(&m->w->scene, h, p);
+    const float depth_m = h->share * felt_depth(&m->w->scene, h, p);
     if (depth_m <= 0.0f) {
         return;
     }
@@ -247,10 +247,10 @@ static void push_held(const instant *m, const cr_held *h, float share, cr_output
     a->normal_world = h->normal_world;
     a->point_world_m = p;
     a->depth_m = share * depth_m; /* not a number too: a fault */
-    a->offset_m = h->offset_m;
+    a->offset_m = v3_dot(h->normal_world, p) + depth_m;
     a->area_m2 = h->area_m2;
     a->zone_count = 0u;
-    push(m, share, a);
+    push(m, share * h->share, a);
 }
 
 /* The contact in hand, and what falls behind it. */
@@ -269,7 +269,7 @@ static void push_late(const instant *m, cr_output *out) {
 static void push_whole(const instant *m, cr_output *out) {
     out->area_count = m->w->hand.count;
     for (uint32_t i = 0; i < out->area_count; i++) {
-        push(m, 1.0f, &out->areas[i]);
+        push(m, m->w->hand.held[i].share, &out->areas[i]);
     }
 }
 

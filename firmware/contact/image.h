@@ -133,9 +133,10 @@ enum { CR_FACET_FLAT = 0u, CR_FACET_CURVED = 1u, CR_FACET_OF_CURVED = 2u };
 struct cr_img_facet {
     float normal[3];
     float offset_m;
-    uint32_t patch;            /* smooth piece of the surface it belongs to */
-    uint8_t curved;            /* CR_FACET_* */
-    uint8_t ends;              /* bits: beyond which sides of its rectangle the surface does not go on: low, high, and those across */
+    uint32_t patch; /* smooth piece of the surface it belongs to */
+    uint8_t curved; /* CR_FACET_* */
+    uint8_t
+        ends; /* bits: beyond which sides of its rectangle the surface does not go on: low, high, and those across */
     int16_t along[3];          /* one side of the rectangle, across the normal: a unit vector times 32,767 */
     float low_m[2], high_m[2]; /* from where to where it reaches, along that and along normal x along */
 };

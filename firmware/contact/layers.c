@@ -19,11 +19,11 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
  * again, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
 #define PARTS_OF_SHARE 9u
-#define PARTS_OF_FACET 34u
+#define PARTS_OF_FACET 36u
 #define PARTS_OF_CURVED 12u
 #define PARTS_OF_MADE 24u
 #define PARTS_OF_PLANE 32u
-#define PARTS_OF_FADED 2u
+#define PARTS_OF_FADED 3u
 
 /* The layer of a surface, made when missing; null, and counted, when all are taken. */
 static cr_way_layer *layer_of(cr_way_layers *l, uint32_t surface, uint32_t patch) {

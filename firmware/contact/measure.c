@@ -10,7 +10,7 @@
  * normal that is turned; of a cell where planes meet, and of a hit whose planes are known, each of them; of lanes above such, the same and one more, or
  * above one of a round surface. */
 #define PARTS_OF_LOOKUP 96u
-#define PARTS_OF_STEP 10u
+#define PARTS_OF_STEP 12u
 #define PARTS_OF_ASKED 3u
 #define PARTS_OF_DEEPER 3u
 #define PARTS_OF_STEEP 5u
@@ -19,7 +19,7 @@
 #define PARTS_OF_MET 6u
 #define PARTS_OF_SURFACE 12u
 #define PARTS_OF_SHARE 5u
-#define PARTS_OF_FACET 36u
+#define PARTS_OF_FACET 37u
 #define PARTS_OF_MADE 16u
 #define PARTS_OF_TURNED 3u
 #define PARTS_OF_PLANE 10u
@@ -27,7 +27,7 @@
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
  * half-space that is made, and one more; of its sides, each compared with each; compared with another, and once it is known; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
-#define PARTS_OF_RELATED 40u
+#define PARTS_OF_RELATED 42u
 #define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
 #define PARTS_OF_SIDES 2u

@@ -275,8 +275,9 @@ static cr_err check_kind(const cr_scene *s, uint32_t index) {
 
 static cr_err check_facet(const cr_scene *s, uint32_t index) {
     const struct cr_img_facet *f = &s->facets[index];
-    if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > CR_FACET_OF_CURVED || f->ends >> CR_FACET_SIDES != 0u ||
-        !floats_are_finite(f->low_m, 4) || f->low_m[0] > f->high_m[0] || f->low_m[1] > f->high_m[1]) {
+    if (!floats_are_finite(f->normal, 4) || !is_unit(f->normal) || f->curved > CR_FACET_OF_CURVED ||
+        f->ends >> CR_FACET_SIDES != 0u || !floats_are_finite(f->low_m, 4) || f->low_m[0] > f->high_m[0] ||
+        f->low_m[1] > f->high_m[1]) {
         return CR_ERR_VALUE;
     }
     return f->patch >= s->meta->patch_count ? CR_ERR_INDEX : CR_OK;

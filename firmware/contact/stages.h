@@ -19,8 +19,8 @@
  * they are turned for one, each of them; twice where they are those of the cluster. */
 #define CR_PARTS_OF_POINT 5u
 #define CR_PARTS_OF_SAMPLES 11u
-#define CR_PARTS_OF_CELL 6u
-#define CR_PARTS_OF_MEETING 9u
+#define CR_PARTS_OF_CELL 7u
+#define CR_PARTS_OF_MEETING 10u
 #define CR_PARTS_OF_CUT 12u
 
 /* Distance and its gradient at 16 world points. Saturated away from the surface: |phi_m| is then a lower bound. */

@@ -14,13 +14,12 @@ typedef struct {
     cr_pose pose;
 } cr_felt;
 
-/* A half-space that pushes, as it is kept until the next answer: its plane stays in the world, its point on the tool. It is of a facet, where that weighs most in
- * it, and felt no deeper than the way from its point to the end of that, and beyond_m more; per_margin times as far, since it is askew; 0: of none. */
+/* A half-space that pushes, as it is kept until the next answer: its plane stays in the world, its point on the tool. It pushes a share of how deep it is: others do the
+ * rest. It is no deeper than the way from its point to the end of the facet that weighs most in it, and beyond_m more. */
 typedef struct {
     cr_vec3 normal_world, point_tool_m;
-    float offset_m, area_m2;
-    uint32_t facet;
-    float beyond_m, per_margin;
+    float offset_m, area_m2, share, beyond_m;
+    uint32_t facet; /* or CR_FACET_NONE */
 } cr_held;
 
 /* The contact at the pose with these two numbers. */

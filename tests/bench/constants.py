@@ -47,6 +47,7 @@ GIVEN = {
     "scene.c": "limits of the format: SPEC.md",
     "published.c": "the method as published",
     "NEVER_M": "no length",
+    "ENDLESS_M": "no end",
     "CR_WAY_NO_PLANE": "no cosine",
     "NOWHERE": "no height",
     "CR_WAY_NO_SPREAD": "no spread",

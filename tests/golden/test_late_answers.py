@@ -19,12 +19,18 @@ BOUNDS_MM = {
     "step_cube": (0.015, 0.021, 0.019, 0.024, 0.014),
     "wall_cube": (0.11, 0.155, 0.143, 0.16, 0.075),
     "groove_block": (0.0093, 0.0100, 0.0163, 0.0145, 0.0037),
+    "bar_u": (0.0405, 0.060, 0.0465, 0.0515, 0.031),
+    "part_spanner": (0.110, 0.135, 0.130, 0.127, 0.100),
 }
 """Force over stiffness, RMS in contact, by hand. A search that does not look ahead exceeds each, where an edge is
-near by three times."""
+near by three times. Contacts that push the same way and each grow by all of the way: bar_u by two times to six,
+part_spanner by two to three; planes that go on where their faces have ended: part_spanner by two where it is steady, by
+six where a hand halts."""
 UNITS = range(36, 45)
 """A board's 40 units, and a little less and more: in which tick a search begins is chance, and a block that lands is
 noticed a tick sooner or later. With 40 alone the same code had 0.0045 to 0.014 mm in the groove."""
+MANY = ("bar_u", "part_spanner")
+"""Their ticks take longest."""
 CASES = [
     (scene, hand, bound)
     for scene, bounds in BOUNDS_MM.items()
@@ -32,7 +38,10 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("scene", "hand", "bound"), CASES)
+@pytest.mark.parametrize(
+    ("scene", "hand", "bound"),
+    [pytest.param(*case, marks=[pytest.mark.slow] if case[0] in MANY else []) for case in CASES],
+)
 def test_late_answers_are_near_those_of_ticks_that_have_all_they_need(
     scene: str, hand: str, bound: float
 ) -> None:
@@ -55,7 +64,7 @@ def test_force_of_many_half_spaces_does_not_jump() -> None:
         assert late.late > 0.9
         assert late.step_mm < 1.3 * late.whole_step_mm
         rms_mm.append(late.rms_mm)
-    assert np.mean(rms_mm) < 0.09
+    assert np.mean(rms_mm) < 0.0405
 
 
 def test_hands_go_along_the_path() -> None:

@@ -145,7 +145,9 @@ def ends_of(outline_mm: list[tuple[float, float]], reach_m: float = 1e-3) -> lis
     shape = manifold3d.CrossSection([[(x, z) for x, z in outline_mm]]).extrude(40.0).to_mesh()
     x, z, y = np.asarray(shape.vert_properties, np.float64)[:, :3].T
     vertices = np.column_stack([x, 20.0 - y, z])
-    surface = make_surface(make_mesh(vertices, np.asarray(shape.tri_verts), 1e-3, source="prism"), 30.0)
+    surface = make_surface(
+        make_mesh(vertices, np.asarray(shape.tri_verts), 1e-3, source="prism"), 30.0
+    )
     kinds = Kinds(surface)
     for facet in range(len(surface.facet_plane)):
         kinds.planar(facet)
@@ -156,7 +158,9 @@ def ends_of(outline_mm: list[tuple[float, float]], reach_m: float = 1e-3) -> lis
         way = np.array([way[0], 0.0, way[1]]) / np.linalg.norm(way)
         normal, point = np.array([way[2], 0.0, -way[0]]), 1e-3 * np.array([start[0], 0.0, start[1]])
         (row,) = [
-            p for p in planes if p["normal"] @ normal > 0.9999 and abs(normal @ point - p["offset_m"]) < 1e-6
+            p
+            for p in planes
+            if p["normal"] @ normal > 0.9999 and abs(normal @ point - p["offset_m"]) < 1e-6
         ]
         along = row["along"] / SHORT_ONE
         across = np.cross(row["normal"], along)
@@ -181,8 +185,12 @@ def test_a_floor_does_not_end_where_a_wall_stands_on_it() -> None:
     assert ends_of(step) == [ALL, ALL, {"y", "start"}, {"y", "end"}, ALL, ALL]
 
 
-@pytest.mark.parametrize(("turn_deg", "ends"), [(10.0, False), (29.0, False), (31.0, True), (80.0, True)])
-def test_a_face_ends_where_it_bends_by_more_than_thirty_degrees(turn_deg: float, ends: bool) -> None:
+@pytest.mark.parametrize(
+    ("turn_deg", "ends"), [(10.0, False), (29.0, False), (31.0, True), (80.0, True)]
+)
+def test_a_face_ends_where_it_bends_by_more_than_thirty_degrees(
+    turn_deg: float, ends: bool
+) -> None:
     drop = 30.0 * np.tan(np.radians(turn_deg)) if turn_deg < 60.0 else 0.0
     end = (60.0, 60.0 - drop) if drop else (30.0 + 30.0 / np.tan(np.radians(turn_deg)), 30.0)
     bent = [(0.0, 0.0), (end[0], 0.0), end, (30.0, 60.0), (0.0, 60.0)]
@@ -199,12 +207,16 @@ def test_a_face_that_is_bordered_in_part_ends_where_most_of_the_side_does() -> N
         wall = manifold3d.Manifold.cube((5.0, width, 30.0)).translate((60.0, 0.0, 0.0))
         made = (floor + wall).to_mesh()
         vertices = np.asarray(made.vert_properties, np.float64)[:, :3]
-        surface = make_surface(make_mesh(vertices, np.asarray(made.tri_verts), 1e-3, source="floor"), 30.0)
+        surface = make_surface(
+            make_mesh(vertices, np.asarray(made.tri_verts), 1e-3, source="floor"), 30.0
+        )
         kinds = Kinds(surface)
         for facet in range(len(surface.facet_plane)):
             kinds.planar(facet)
         planes = kinds.records(1e-3)[1]
         (row,) = [p for p in planes if p["normal"][2] > 0.9999 and abs(p["offset_m"] - 0.01) < 1e-6]
         along = row["along"] / SHORT_ONE
-        outward = np.array([-along, along, -np.cross(row["normal"], along), np.cross(row["normal"], along)])
+        outward = np.array(
+            [-along, along, -np.cross(row["normal"], along), np.cross(row["normal"], along)]
+        )
         assert bool(row["ends"] >> int(np.argmax(outward[:, 0])) & 1) == ends
