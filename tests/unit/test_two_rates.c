@@ -299,8 +299,8 @@ static void contact_is_not_felt_where_its_face_has_ended(void **state) {
                 assert_float_equal(pressed_m[i], 1e-3f + gone_m, 4e-6f);
                 continue;
             }
-            assert_float_equal(slid_m[i], fmaxf(0.0f, fminf(1e-3f, most_m - gone_m)), 0.3e-3f);
-            assert_float_equal(pressed_m[i], fminf(1e-3f + gone_m, most_m), 0.3e-3f);
+            assert_float_equal(slid_m[i], fmaxf(0.0f, fminf(1e-3f, most_m - gone_m)), 0.4e-3f);
+            assert_float_equal(pressed_m[i], fminf(1e-3f + gone_m, most_m), 0.4e-3f);
         }
     }
 }
