@@ -70,6 +70,7 @@ static void keep(const cr_world *w, const xform *at, const cr_area *areas, cr_ha
     if (w->config.response != CR_RESPONSE_WAY_OUT) {
         for (uint32_t i = 0; i < hand->count; i++) {
             hold(at, &areas[i], areas[i].depth_m, &hand->held[i]);
+            hand->held[i].share = 1.0f; /* each knows the whole depth, which may be none */
         }
         return;
     }

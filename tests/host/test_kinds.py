@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import manifold3d
 import numpy as np
 import numpy.typing as npt
@@ -138,7 +140,7 @@ def test_rectangles_of_few_corners_are_those_of_their_hull() -> None:
     )
 
 
-def ends_of(outline_mm: list[tuple[float, float]], reach_m: float = 1e-3) -> list[set[str]]:
+def ends_of(outline_mm: Sequence[tuple[float, float]], reach_m: float = 1e-3) -> list[set[str]]:
     """Where the faces of a prism, 40 mm along y, of an outline in x and z, counter-clockwise seen from -y, end: of each
     side of the outline, as "y", "start" and "end" of it.
     """
