@@ -68,7 +68,7 @@ static void weigh_facets(const cr_scene *s, float phi_m, cr_vec3 p, cr_way_facet
     share_by(most_m, out);
 }
 
-float cr_facet_margin(const struct cr_img_facet *f, cr_vec3 p) {
+float cr_way_margin(const struct cr_img_facet *f, cr_vec3 p) {
     const uint32_t ends = f->ends;
     float at[2], margin_m = ENDLESS_M;
     if (ends == 0u) {

@@ -227,7 +227,7 @@ static float felt_depth(const cr_scene *s, const cr_held *h, cr_vec3 p) {
     if (h->facet == CR_FACET_NONE) {
         return depth_m;
     }
-    const float most_m = h->beyond_m + cr_facet_margin(&s->facets[h->facet], p);
+    const float most_m = h->beyond_m + cr_way_margin(&s->facets[h->facet], p);
     return most_m < depth_m ? most_m : depth_m;
 }
 

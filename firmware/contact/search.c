@@ -58,7 +58,7 @@ static void end_at_facet(const cr_world *w, const cr_way_half *half, const cr_ar
     }
     if (most != NULL) {
         to->facet = most->key.surface;
-        const float margin_m = cr_facet_margin(&w->scene.facets[to->facet], a->point_world_m);
+        const float margin_m = cr_way_margin(&w->scene.facets[to->facet], a->point_world_m);
         to->beyond_m = depth_m + 0.5f * sqrtf(most->area_m2) - lower_f(0.0f, margin_m);
     }
 }

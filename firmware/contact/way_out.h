@@ -52,7 +52,7 @@ typedef struct {
 float cr_way_beside(const struct cr_img_facet *facet, cr_vec3 point_world);
 
 /* Purpose  how far the foot of a point of the world on the plane of a facet is from the nearest end of it, m: below zero beyond; a lot where none of its sides is one. */
-float cr_facet_margin(const struct cr_img_facet *facet, cr_vec3 point_world);
+float cr_way_margin(const struct cr_img_facet *facet, cr_vec3 point_world);
 
 void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_vec3 p_world, cr_way_facets *out);
 
