@@ -524,15 +524,16 @@ static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_w
 }
 
 /* A step of a pass over the zones. Returns its work, in parts. */
-static uint32_t take_zone(const cr_scene *scene, const cr_way_zones *zones, cr_way_work *w) {
+static uint32_t take_zone(const cr_respond_input *in, cr_way_work *w) {
+    const cr_way_zones *zones = &in->set->way;
     cr_way_relations *r = &w->relations;
     const uint32_t n = zones->count, pass = w->next / n, z = w->next % n;
     if (pass == JOIN) {
-        return join_zone(scene, zones, w, z);
+        return join_zone(in->field->scene, zones, w, z);
     }
     w->next++;
     if (pass == RELATE) {
-        cr_way_relate(scene, zones, z, r);
+        cr_way_relate(in->field->scene, in->world_from_tool, zones, z, r);
         return PARTS_OF_TAKEN + PARTS_OF_RELATED * z;
     }
     return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
@@ -556,7 +557,6 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     work->done = work->surfaces_done = 0u;
     work->spent = 0u;
     work->relations.half_count = 0u;
-    work->relations.whole_m3 = 0.0f;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;
     }
@@ -575,7 +575,7 @@ int cr_way_measure(const cr_respond_input *in, cr_way_work *work, uint32_t looku
         const uint32_t agreed = joined + HALF_PASSES * work->relations.half_count; /* once they have joined */
         const uint32_t told = agreed + zones->count;
         if (work->next < joined) {
-            work->spent += take_zone(in->field->scene, zones, work);
+            work->spent += take_zone(in, work);
         } else if (work->left != 0u) {
             cr_way_go_on(&s);
         } else if (work->next < agreed) {

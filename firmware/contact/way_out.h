@@ -135,13 +135,14 @@ typedef struct {
         uint32_t counts_for
             [CR_WAY_ZONES_MAX]; /* then of each zone, as bits: zones for whose half-spaces its samples count */
     };
-    float whole_m3; /* weight of all zones */
+    float whole_m3[CR_WAY_ZONES_MAX]; /* weight of a zone and of all that are beside it, whatever piece they are of */
 } cr_way_relations;
 
 /* Zones become half-spaces in passes, each over all zones or half-spaces, one after the other. */
 
-/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part; whole_m3 is added to. */
-void cr_way_relate(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);
+/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part, whole_m3. */
+void cr_way_relate(const cr_scene *scene, const xform *world_from_tool, const cr_way_zones *zones, uint32_t zone,
+                   cr_way_relations *relations);
 
 /* Purpose  how far a zone leads, once all are related.   Output  lead.   Returns  zones that it is related to. */
 uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);
