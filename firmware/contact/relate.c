@@ -284,7 +284,7 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
     float known = 0.0f; /* of the weight, what has a normal */
     out->zones = out->bound_count = 0u;
-    out->led_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
+    out->led_m3 = out->joined_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
     cone->zones = cone->count = cone->projected = 0u;
     for (uint32_t k = 0; k < zones->count; k++) {
         const uint32_t c = r->order[k];
@@ -336,9 +336,9 @@ static void end_half(const cr_vec3 *unit, const cr_way_cone *cone, cr_way_half *
                                cone->trusted * max_f(1.0f - OUTSIDE * per_left, min_f(1.0f, cone->bent * per_left)));
     const float length = v3_norm(way),
                 led = (length - LEADS_FROM * size) / ((LEADS - LEADS_FROM) * max_f(size, 1e-30f));
-    const cr_vec3 turn = v3_add(out->own_m, v3_cross(out->arm_m, v3_sub(way, cone->sum)));
+    const cr_vec3 couple = v3_sub(out->own_m, v3_cross(out->arm_m, cone->sum)); /* of all of it, about the middle */
     out->normal = v3_unit(way, 1e-6f);
-    out->own_m = v3_scale(turn, 1.0f / max_f(length, 1e-30f));
+    out->own_m = v3_mad(v3_cross(out->arm_m, out->normal), couple, 1.0f / max_f(max_f(length, size), 1e-30f));
     out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f);
 }
 
@@ -393,6 +393,7 @@ uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t 
     }
     CR_ASSERT(!has_lane(half->zones, (int)zone));
     half->zones |= 1u << zone;
+    half->joined_m3 += zones->zones[zone].weight_m3;
     if (zones->zones[zone].weight_m3 > half->led_m3) {
         half->led_m3 = zones->zones[zone].weight_m3;
         find_bounds(scene, zones, r, zone, half);
@@ -465,7 +466,7 @@ void cr_way_share_arm(uint32_t count, uint32_t index, cr_way_half *halves) {
     for (uint32_t j = 0; j < count; j++) {
         const cr_way_half *h = &halves[j];
         const float one = clamp_f(1.0f - v3_norm(v3_sub(halves[index].normal, h->normal)) / ONE_WAY, 0.0f, 1.0f);
-        const float counts = one * h->open * h->weight_m3;
+        const float counts = one * h->open * h->joined_m3;
         sum = v3_mad(sum, h->own_m, counts);
         total += counts;
     }

@@ -110,6 +110,7 @@ typedef struct {
     uint32_t zones; /* bits */
     cr_vec3 normal; /* unit, or zero */
     float weight_m3, depth_m;
+    float joined_m3; /* weight of the zones that have joined it: each has joined one */
     float led_m3;    /* the largest weight of a zone that leads it */
     float curved_m3; /* of the weight, that of curved zones */
     float deep_m;    /* of the deepest sample in its zones */
