@@ -157,6 +157,8 @@ struct cr_img_edge {
     float angle_rad; /* between the two normals */
 };
 
+/* What is above stands for no patch: CR_WAY_DEEP and CR_WAY_NONE of stages.h, without the bit that tells a curved one. */
+#define CR_PATCHES_MAX 0x7ffffffeu
 #define CR_PIECE_NONE 0xffffu
 #define CR_PIECES 2
 

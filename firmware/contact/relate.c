@@ -99,15 +99,15 @@ static float spread_of(cr_vec3 mean) { return sqrtf(max_f(0.0f, 2.0f * (1.0f - v
 /* 1 where two pieces of a surface, by the means of their places and outward normals, bend away from each other or lie in one plane; 0 where they bend
  * towards each other, or one lies above the other. The mean normals are as short as they are spread: so pieces of a sphere are told right whatever their
  * extent. What is nearer than near_m is told apart as if it were so far. */
-static float meet(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m, float near_m) {
+static float meet(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m, float ended_m, float near_m) {
     const cr_vec3 way = v3_sub(q, p);
     const float far = v3_norm(way), bent = 0.5f * v3_dot(way, v3_sub(n, m));
     const float above = max_f(v3_dot(way, n), -v3_dot(way, m)) - far * (spread_of(n) + spread_of(m));
-    return part_at(max_f(bent, above) / max_f(far, near_m));
+    return part_at(max_f(ended_m, max_f(bent, above)) / max_f(far, near_m));
 }
 
 /* How high a place lies above all that may be of one convex solid with a flat zone: beyond an end of its facet that falls off. */
-static float above_end(const cr_scene *s, const xform *pose, const cr_way_zone *z, cr_vec3 p) {
+CR_OUT_OF_LINE float above_end(const cr_scene *s, const xform *pose, const cr_way_zone *z, cr_vec3 p) {
     if (!z->flat) {
         return 0.0f;
     }
@@ -121,7 +121,6 @@ static float above_end(const cr_scene *s, const xform *pose, const cr_way_zone *
 static float meet_static(const cr_scene *s, const xform *pose, const cr_way_zones *zones, const cr_way_relations *r,
                          uint32_t a, uint32_t b, uint32_t label) {
     const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
-    const float near_m = NEAR * s->meta->spacing_m;
     if (za->key.surface == CR_WAY_NONE || zb->key.surface == CR_WAY_NONE ||
         (za->key.surface == zb->key.surface && (za->key.surface & CR_WAY_CURVED) == 0u)) {
         return 1.0f;
@@ -129,12 +128,8 @@ static float meet_static(const cr_scene *s, const xform *pose, const cr_way_zone
     if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
         return label == CR_PAIR_CONVEX ? 1.0f : 0.0f;
     }
-    const float part = meet(r->touched[a], r->normal[a], r->touched[b], r->normal[b], near_m);
-    if (!(part > 0.0f)) {
-        return part;
-    }
-    const float above_m = max_f(above_end(s, pose, za, r->touched[b]), above_end(s, pose, zb, r->touched[a]));
-    return min_f(part, part_at(above_m / max_f(v3_norm(v3_sub(r->touched[a], r->touched[b])), near_m)));
+    const float ended_m = max_f(above_end(s, pose, za, r->touched[b]), above_end(s, pose, zb, r->touched[a]));
+    return meet(r->touched[a], r->normal[a], r->touched[b], r->normal[b], ended_m, NEAR * s->meta->spacing_m);
 }
 
 /* How far two zones that are both related to a third, and are of one piece, are not related to each other. */

@@ -173,7 +173,8 @@ static cr_err check_meta(const struct cr_img_meta *m) {
         }
     }
     if (!lengths_agree(m) || !is_box(m->static_min_m, m->static_max_m) || !is_box(m->tool_min_m, m->tool_max_m) ||
-        m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX || m->piece_count > CR_PIECE_NONE) {
+        m->levels < 1u || m->levels > CR_TREE_DEPTH_MAX || m->piece_count > CR_PIECE_NONE ||
+        m->patch_count > CR_PATCHES_MAX) {
         return CR_ERR_VALUE;
     }
     return CR_OK;

@@ -59,6 +59,10 @@ cr_err cr_world_configure(cr_world *world, const cr_config *config) {
     if (cr_config_error(config) != NULL) {
         return CR_ERR_CONFIG;
     }
+#ifdef CR_RIVALS
+    world->motion.valid &=
+        (uint32_t)(world->config.response == config->response); /* what sleeps hangs on how far each reaches */
+#endif
     world->config = *config;
     cr_drop_search(world);
 #ifdef CR_RIVALS

@@ -46,7 +46,7 @@ typedef struct {
     uint32_t phase;
     cr_drive drive[CR_AXES];
     cr_wrist wrist;
-    uint64_t start_ns, reset_ns, sdo_ns, enable_ns, beat_ns, control_ns;
+    uint64_t start_ns, reset_ns, reset_wait_ns, sdo_ns, enable_ns, beat_ns, control_ns;
     uint32_t has_start;
     uint32_t refused; /* 1: a fault came before the first word; silent until cr_bus_reset */
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;

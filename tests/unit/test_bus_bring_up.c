@@ -53,16 +53,33 @@ static void reset_is_repeated_while_a_drive_is_missing(void **state) {
     (void)state;
     crt_bus_rig r = crt_bus_make();
     uint32_t resets = 0u;
-    for (int k = 0; k < 1100; k++) {
+    for (int k = 0; k < 4000; k++) { /* at 0, 0.5, 1.5 and 3.5 s, from the end of listening on */
         CRT_RECEIVE(&r, 0x711, 0x7f);
         CRT_RECEIVE(&r, 0x712, 0x7f);
         CRT_RECEIVE(&r, 0x713, 0x05); /* still operational: has not heard the reset */
         crt_bus_period(&r);
         resets += crt_bus_sent(&r, 0x000) != NULL ? 1u : 0u;
     }
-    assert_int_equal(resets, 3);
+    assert_int_equal(resets, 4);
     assert_int_equal(r.bus.phase, CR_PHASE_RESET);
     assert_int_equal(r.faults, 0);
+}
+
+/* Reset every half second it would never have come up. */
+static void drive_that_takes_its_time_to_boot_comes_up(void **state) {
+    (void)state;
+    crt_bus_rig r = crt_bus_make();
+    int silent = 0;
+    for (int k = 0; k < 9000 && r.bus.phase <= CR_PHASE_RESET; k++) {
+        silent = crt_bus_sent(&r, 0x000) != NULL ? 2500 : silent - 1;
+        CRT_RECEIVE(&r, 0x711, 0x7f);
+        CRT_RECEIVE(&r, 0x712, 0x7f);
+        if (silent <= 0) {
+            CRT_RECEIVE(&r, 0x713, 0x00);
+        }
+        crt_bus_period(&r);
+    }
+    assert_int_equal(r.bus.phase, CR_PHASE_SET_UP);
 }
 
 static void heartbeat_of_before_the_reset_does_not_count(void **state) {
@@ -328,6 +345,7 @@ int main(void) {
         cmocka_unit_test(host_listens_before_it_speaks),
         cmocka_unit_test(host_that_hears_another_while_listening_stays_silent),
         cmocka_unit_test(reset_is_repeated_while_a_drive_is_missing),
+        cmocka_unit_test(drive_that_takes_its_time_to_boot_comes_up),
         cmocka_unit_test(heartbeat_of_before_the_reset_does_not_count),
         cmocka_unit_test(set_up_writes_what_the_frame_table_says),
         cmocka_unit_test(sdo_goes_out_at_most_every_5_ms_and_after_the_torque),
