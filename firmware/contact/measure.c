@@ -27,7 +27,7 @@
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
  * half-space that is made, and one more; of its sides, each compared with each; compared with another, and once it is known; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
-#define PARTS_OF_RELATED 42u
+#define PARTS_OF_RELATED 56u
 #define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
 #define PARTS_OF_SIDES 2u
@@ -557,6 +557,7 @@ void cr_way_begin(const cr_respond_input *in, cr_way_work *work) {
     work->done = work->surfaces_done = 0u;
     work->spent = 0u;
     work->relations.half_count = 0u;
+    work->relations.all_m3 = 0.0f;
     for (uint32_t i = 0; i < CR_WAY_MEASURED; i++) {
         work->measured[i] = 0u;
     }

@@ -5,6 +5,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+/* Whether a word is a number, and no more than that. */
+static int read_number(const char *word, float *number) {
+    char *end;
+    *number = strtof(word, &end);
+    return end != word && *end == '\0';
+}
+
 /* A file in memory as crease wants it: 64-byte aligned. */
 static void *load(const char *path, size_t *size) {
     FILE *file = fopen(path, "rb");
@@ -25,8 +32,10 @@ static void *load(const char *path, size_t *size) {
 }
 
 int main(int argc, char **argv) {
-    if (argc != 5) {
-        fprintf(stderr, "usage: example SCENE.crs X Y Z\n");
+    cr_pose pose = {{0.0f, 0.0f, 0.0f}, {1.0f, 0.0f, 0.0f, 0.0f}};
+    if (argc != 5 || !read_number(argv[2], &pose.pos_m.x) || !read_number(argv[3], &pose.pos_m.y) ||
+        !read_number(argv[4], &pose.pos_m.z)) {
+        fprintf(stderr, "usage: example SCENE.crs X Y Z, in metres\n");
         return 2;
     }
     size_t size = 0;
@@ -49,12 +58,15 @@ int main(int argc, char **argv) {
         fprintf(stderr, "error: %s: %s\n", argv[1], cr_err_text(err));
         return 1;
     }
-    cr_pose pose = {{strtof(argv[2], NULL), strtof(argv[3], NULL), strtof(argv[4], NULL)}, {1.0f, 0.0f, 0.0f, 0.0f}};
+    int status = 0;
     pose.pos_m.z += 5e-3f;
-    for (int ms = 0; ms <= 50; ms++) {
+    for (int ms = 0; ms <= 50 && status == 0; ms++) {
         static cr_output out; /* 6 KB: not on a small stack */
         cr_tick(world, &pose, 1e-3f, &out);
-        if (ms % 10 == 0) {
+        if (out.faults != 0) { /* latched: until cr_world_clear_fault all output is zero */
+            fprintf(stderr, "error: fault %u, such as a pose that is no number\n", (unsigned)out.faults);
+            status = 1;
+        } else if (ms % 10 == 0) {
             printf("%2d ms: %.3f %.3f %.3f N, %u areas\n", ms, (double)out.force_world_N.x, (double)out.force_world_N.y,
                    (double)out.force_world_N.z, (unsigned)out.area_count);
         }
@@ -62,5 +74,5 @@ int main(int argc, char **argv) {
     }
     free(memory);
     free(image);
-    return 0;
+    return status;
 }

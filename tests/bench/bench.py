@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import sys
 from dataclasses import asdict, astuple, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from crease.bake.scene_list import SceneSpec, load_specs
+from crease.base.errors import SceneError
 from crease.base.scene import Scene, open_scene
 from crease.lab.setup import machine
 from crease.replay.measures import DEEP_M, Accuracy, angle_deg, direction_steps_deg
@@ -195,7 +197,7 @@ def draw_scene(name: str, spec: SceneSpec, folder: Path) -> Path:
     return target
 
 
-def main() -> None:
+def main() -> int:
     """Command line: see the top of the file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--scene", action="append", help="only these scenes")
@@ -212,7 +214,11 @@ def main() -> None:
     specs = load_specs(ROOT / "meshes" / "scenes.toml", MESHES)
     specs = {n: s for n, s in specs.items() if not args.scene or n in args.scene}
     print(f"machine: {machine()}\n")
-    accuracy = accuracy_table(specs, args.lookups)
+    try:
+        accuracy = accuracy_table(specs, args.lookups)
+    except SceneError as error:
+        print(f"error: {error}; run `make scenes`", file=sys.stderr)
+        return 1
     if args.csv:
         write_accuracy(args.csv, accuracy)
     cost = cost_table(specs, args.repeat)
@@ -224,7 +230,8 @@ def main() -> None:
         args.json.write_text(
             json.dumps({"machine": machine(), "accuracy": found, "cost": cost}, indent=1) + "\n"
         )
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -243,7 +243,7 @@ def test_info_for_people_and_programs(scene_crs: Path, crease: Run) -> None:
 
 
 def test_info_of_what_is_no_scene(folder: Path, block_stl: Path, crease: Run) -> None:
-    assert_error(crease("info", block_stl), "block.stl", "bake it again")
+    assert_error(crease("info", block_stl), "block.stl", "give the .crs that `crease bake` wrote")
     assert_error(crease("info", folder / "none.crs"), "No such file")
     assert_error(crease("info", folder), "directory")
 
@@ -380,12 +380,18 @@ def test_missing_input_is_told_before_an_output_that_exists(
 
 def test_mend_is_told_once(folder: Path, scene_crs: Path, crease: Run) -> None:
     image = bytearray(scene_crs.read_bytes())
-    image[8] += 1
-    old = folder / "old.crs"
-    old.write_bytes(bytes(image))
-    said = crease("info", old)
-    assert_error(said, "old.crs", "another format version")
-    assert said.err.count("bake it again") == 1
+    version = image[8]
+    for other, mend in ((version - 1, "bake it again"), (version + 1, "update crease")):
+        image[8] = other
+        old = folder / "old.crs"
+        old.write_bytes(bytes(image))
+        said = crease("info", old)
+        assert_error(said, "old.crs", f"format {other}, this crease reads {version}; {mend}")
+        assert said.err.count(mend) == 1
+
+
+def test_what_has_no_end_is_not_read_to_it(crease: Run) -> None:
+    assert_error(crease("info", "/dev/zero"), "/dev/zero", "is no file")
 
 
 def test_interrupt_is_one_line(crease: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -135,7 +135,7 @@ def test_damaged_image_is_refused(scene_crs: Path) -> None:
     image = bytearray(scene_crs.read_bytes())
     image[len(image) // 2] ^= 1
     for broken in (b"", b"short", bytes(image), bytes(image[:-64]), bytes(4096)):
-        with pytest.raises(SceneError, match=r"^x\.crs: [^;]*[;:] bake it again$"):
+        with pytest.raises(SceneError, match=r"^x\.crs: [^;]*[;:] (bake it again|give the .*)$"):
             open_image(broken, "x.crs")
 
 

@@ -53,7 +53,8 @@ static cr_way_zone *add_zone(cr_vec3 normal, float weights, cr_vec3 push) {
     z->push_m3 = v3_scale(push, z->weight_m3);
     relations.unit[index] = normal;
     relations.order[index] = (uint8_t)index;
-    relations.whole_m3[0] += z->weight_m3;
+    relations.all_m3 += z->weight_m3;
+    relations.whole_m3[0] = 2.0f * relations.all_m3; /* it is a part of an overlap */
     for (uint32_t i = 0; i <= index; i++) {
         relations.part[index][i] = relations.part[i][index] = 1.0f;
     }
@@ -190,11 +191,25 @@ static void few_samples_tell_no_new_direction(void **state) {
     assert_near(lean_of(join_first()) / full, 0.0, 1e-6);
 }
 
-/* Nor do zones that hold nine tenths of what is beside them or less; 95 % are believed half. */
-static void part_of_an_overlap_tells_no_new_direction(void **state) {
+/* Nor do zones that hold half of all weight or less; three quarters are believed half. */
+static void minority_tells_no_new_direction(void **state) {
     (void)state;
     add_leaning_floor(0.8f);
     const double full = lean_of(join_first());
+    relations.all_m3 = WEIGHT_M3 / 0.75f;
+    assert_near(lean_of(join_first()) / full, 0.5, 0.1);
+    relations.all_m3 = WEIGHT_M3 / 0.49f;
+    assert_near(lean_of(join_first()) / full, 0.0, 1e-6);
+}
+
+/* But those that hold all that is beside them, whatever else there is; 95 % are believed half, nine tenths not. */
+static void all_of_an_overlap_tells_a_direction(void **state) {
+    (void)state;
+    add_leaning_floor(0.8f);
+    const double full = lean_of(join_first());
+    relations.all_m3 = 10.0f * WEIGHT_M3;
+    relations.whole_m3[0] = WEIGHT_M3;
+    assert_near(lean_of(join_first()) / full, 1.0, 1e-6);
     relations.whole_m3[0] = WEIGHT_M3 / 0.95f;
     assert_near(lean_of(join_first()) / full, 0.5, 0.1);
     relations.whole_m3[0] = WEIGHT_M3 / 0.89f;
@@ -205,7 +220,7 @@ static void part_of_an_overlap_tells_no_new_direction(void **state) {
 static double open_by(float part) {
     clear(NULL);
     add_leaning_floor(sqrtf(1.0f - part * part));
-    relations.whole_m3[0] = 2.0f * WEIGHT_M3;
+    relations.all_m3 = 2.0f * WEIGHT_M3;
     return (double)join_first()->open;
 }
 
@@ -246,7 +261,7 @@ static double own_arm(float apart) {
     for (int h = 0; h < 2; h++) {
         const float tilt = h == 0 ? 0.0f : 2.0f * asinf(0.5f * apart);
         halves[h].normal = v3(sinf(tilt), 0.0f, cosf(tilt));
-        halves[h].weight_m3 = WEIGHT_M3;
+        halves[h].weight_m3 = halves[h].joined_m3 = WEIGHT_M3;
         halves[h].open = 1.0f;
         halves[h].own_m = v3(h == 0 ? 1.0f : 0.0f, 0.0f, 0.0f);
     }
@@ -298,7 +313,7 @@ static double lean_to_wall(float share, double samples) {
     const float floor = 1.0f - share;
     add_zone(v3(0.0f, 0.0f, 1.0f), floor, v3(0.0f, 0.0f, 0.5f / floor))->area_m2 = SAMPLES(samples);
     add_zone(v3(1.0f, 0.0f, 0.0f), share, v3(0.5f / share, 0.0f, 0.0f))->area_m2 = 0.0f;
-    relations.whole_m3[0] *= 2.0f; /* what is left over counts for nothing */
+    relations.all_m3 *= 2.0f; /* what is left over counts for nothing */
     return lean_of(join_first());
 }
 
@@ -333,7 +348,7 @@ static void what_weighs_little_makes_a_sum_little_larger(void **state) {
     add_zone(v3(0.0f, 0.0f, 1.0f), 0.75f, v3(0.0f, 0.5f / 0.75f, 0.5f / 0.75f));
     add_zone(v3(1.0f, 0.0f, 0.0f), 0.2f, v3(2.5f, 0.0f, 0.0f));
     add_zone(v3(0.0f, 1.0f, 0.0f), 0.05f, v3(0.0f, 0.0f, 0.0f));
-    relations.whole_m3[0] *= 2.0f; /* what is left over counts for nothing */
+    relations.all_m3 *= 2.0f; /* what is left over counts for nothing */
     assert_near(share_of_largest(lean_of(join_first())), 0.92, 0.03);
 }
 
@@ -490,7 +505,7 @@ static void faces_that_turn_little_are_told_apart(void **state) {
     const float half_angle = 0.158780f;
     add_zone(v3(sinf(half_angle), 0.0f, cosf(half_angle)), 1.0f, v3(0.0f, 0.0f, 2.0f));
     add_zone(v3(-sinf(half_angle), 0.0f, cosf(half_angle)), 1.0f, v3(0.0f, 0.0f, 0.0f));
-    relations.whole_m3[0] *= 2.0f;
+    relations.all_m3 *= 2.0f;
     assert_near(lean_of(join_first()), 0.0, 1e-3);
 }
 
@@ -607,7 +622,8 @@ int main(void) {
         cmocka_unit_test_setup(faces_of_120_degrees_are_two_sides, clear),
         cmocka_unit_test_setup(weightiest_planes_bound_a_half_space, clear),
         cmocka_unit_test_setup(few_samples_tell_no_new_direction, clear),
-        cmocka_unit_test_setup(part_of_an_overlap_tells_no_new_direction, clear),
+        cmocka_unit_test_setup(minority_tells_no_new_direction, clear),
+        cmocka_unit_test_setup(all_of_an_overlap_tells_a_direction, clear),
         cmocka_unit_test_setup(sum_that_normals_do_not_tell_does_not_lead, clear),
         cmocka_unit_test_setup(sum_that_cancels_fades, clear),
         cmocka_unit_test_setup(relations_are_the_same_to_a_thousandth, clear),

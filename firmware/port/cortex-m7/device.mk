@@ -21,21 +21,31 @@ CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
 SMALL_C := $(addprefix firmware/,$(addprefix contact/,motion.c exits.c facets.c rows.c layers.c gather.c depth_along.c measure.c math3.c scene.c settings.c world.c answer.c relate.c feel.c search.c tick.c resolve.c planes.c coverage.c field.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c record.c control.c velocity.c pose.c) $(addprefix couple/,descend.c round.c couple.c passivity.c points.c follow.c nearest.c turn.c))
 RARELY := -fno-move-loop-invariants -fno-thread-jumps -fno-tree-dominator-opts
-RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c gather.c facets.c scene.c search.c answer.c) $(addprefix servo/,config.c modes.c bus.c servo.c control.c pose.c))
+RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c gather.c facets.c rows.c depth_along.c scene.c search.c answer.c) $(addprefix servo/,config.c modes.c bus.c servo.c control.c pose.c))
+
+# And what one pass or another of -Os makes larger.
+UNFOLDED_C := $(addprefix firmware/contact/,answer.c search.c gather.c)
+CALLED_C := $(addprefix firmware/,$(addprefix contact/,feel.c resolve.c) $(addprefix servo/,pose.c bus.c))
+OPENED_C := firmware/contact/scene.c
+SORTED_C := firmware/contact/measure.c
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
-	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C)' >$$@
+	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C)' >$$@
 
 build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
 	@echo "$(1): $$<"
-	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
+	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $$(if $$(filter -Os,$$(LEVEL)),$$(WITHOUT)) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
 # Small, not fast: all but detect, depth_along, motion and near, which are dearer so. What stands between lookups takes about as long either way.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 # Of these, what costs little, smaller still.
 $(RARE_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os $(RARELY),$(LEVEL))
+$(UNFOLDED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-tree-forwprop
+$(CALLED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-inline-functions-called-once
+$(OPENED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-inline-small-functions
+$(SORTED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-schedule-insns2
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
 	@rm -f $$@

@@ -15,6 +15,9 @@ from crease.base.native import error_text, ffi, lib
 from crease.base.table import check_suffix, check_target, write_bytes
 
 _ALIGN = 64
+_MAGIC = b"CREASE\r\n"
+_HEAD_BYTES = 64
+"""Of a file, before it is known to be an image."""
 
 
 def _aligned_copy(image: bytes) -> npt.NDArray[np.uint8]:
@@ -104,10 +107,21 @@ def open_image(
     handle = ffi.new("cr_scene *")
     code = int(lib.cr_scene_open(handle, ffi.from_buffer("uint8_t[]", aligned), len(aligned)))
     if code != lib.CR_OK:
-        text = _cut_off(image) if code == lib.CR_ERR_SIZE else error_text(code)
-        mend = "" if "bake it again" in text else "; bake it again"
-        raise SceneError(f"{source}: {text}{mend}")
+        raise SceneError(f"{source}: {_trouble(image, code)}")
     return Scene(aligned, handle, source, meshes_glb, warnings)
+
+
+def _trouble(image: bytes, code: int) -> str:
+    """What is wrong with an image that was refused, and the mend."""
+    if code == lib.CR_ERR_MAGIC:
+        return "is no scene image; give the .crs that `crease bake` wrote"
+    if code == lib.CR_ERR_VERSION:
+        head = ffi.from_buffer("struct cr_img_header *", image)
+        mend = "bake it again" if head.version < lib.CR_IMAGE_VERSION else "update crease"
+        reads = f"this crease reads {lib.CR_IMAGE_VERSION}"
+        return f"is a scene image of format {head.version}, {reads}; {mend}"
+    text = _cut_off(image) if code == lib.CR_ERR_SIZE else error_text(code)
+    return text if "bake it again" in text else f"{text}; bake it again"
 
 
 def _cut_off(image: bytes) -> str:
@@ -124,7 +138,12 @@ def _cut_off(image: bytes) -> str:
 def open_scene(path: Path) -> Scene:
     """Read and validate an image file.   Errors: SceneError."""
     try:
-        image = path.read_bytes()
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise SceneError(f"{path}: is no file; give the .crs that `crease bake` wrote")
+        with path.open("rb") as file:
+            image = file.read(_HEAD_BYTES)
+            # What is no image is not read to its end, which it may not have.
+            image += file.read() if image[: len(_MAGIC)] == _MAGIC else b""
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from error
     return open_image(image, str(path))
