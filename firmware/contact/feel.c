@@ -221,14 +221,19 @@ void cr_world_clear_fault(cr_world *world) {
     forget_contact(world);
 }
 
-/* How deep it is felt with its point at p: not as a plane that goes on where its facet has ended. Not a number stays one. */
+/* How deep it is felt with its point at p: not as a plane that goes on where its facet has ended, nor as one over an edge, which is no surface, where the tool has come below the facet
+ * beside it by less. Not a number stays one. */
 static float felt_depth(const cr_scene *s, const cr_held *h, cr_vec3 p) {
     const float depth_m = cr_held_depth(h, p);
     if (h->facet == CR_FACET_NONE) {
         return depth_m;
     }
-    const float most_m = h->beyond_m + cr_way_margin(&s->facets[h->facet], p);
-    return most_m < depth_m ? most_m : depth_m;
+    const struct cr_img_facet *f = &s->facets[h->facet];
+    const cr_vec3 normal = v3_from(f->normal);
+    const float leaves = v3_dot(normal, h->normal_world);
+    const float most_m = h->beyond_m + cr_way_margin(f, p), below_m = (h->below_m - v3_dot(normal, p)) / leaves;
+    const float felt_m = leaves > CR_WAY_LEAVES_MIN && below_m < depth_m ? below_m : depth_m;
+    return most_m < felt_m ? most_m : felt_m;
 }
 
 /* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of

@@ -24,10 +24,11 @@
 #define PARTS_OF_TURNED 3u
 #define PARTS_OF_PLANE 10u
 #define PARTS_OF_ABOVE 30u
-/* The same, of zones: one that is taken up, in each pass; a pair of them that is related; that leads, for each zone that both are related to; in a sweep of a
+/* The same, of zones: one that is taken up, in each pass; a pair of them that is related, and whose ends are asked for; that leads, for each zone that both are related to; in a sweep of a
  * half-space that is made, and one more; of its sides, each compared with each; compared with another, and once it is known; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
-#define PARTS_OF_RELATED 56u
+#define PARTS_OF_RELATED 42u
+#define PARTS_OF_ENDED 32u
 #define PARTS_OF_LED 6u
 #define PARTS_OF_SWEEP 7u
 #define PARTS_OF_SIDES 2u
@@ -533,8 +534,8 @@ static uint32_t take_zone(const cr_respond_input *in, cr_way_work *w) {
     }
     w->next++;
     if (pass == RELATE) {
-        cr_way_relate(in->field->scene, in->world_from_tool, zones, z, r);
-        return PARTS_OF_TAKEN + PARTS_OF_RELATED * z;
+        const uint32_t asked = cr_way_relate(in->field->scene, in->world_from_tool, zones, z, r);
+        return PARTS_OF_TAKEN + PARTS_OF_RELATED * z + PARTS_OF_ENDED * asked;
     }
     return PARTS_OF_TAKEN + PARTS_OF_LED * n * cr_way_lead(zones, z, r);
 }

@@ -114,7 +114,7 @@ static float meet(cr_vec3 p, cr_vec3 n, cr_vec3 q, cr_vec3 m, float ended_m, flo
 
 /* How high a place lies above all that may be of one convex solid with a flat zone: beyond an end of its facet that falls off. */
 CR_OUT_OF_LINE float above_end(const cr_scene *s, const xform *pose, const cr_way_zone *z, cr_vec3 p) {
-    if (!z->flat) {
+    if (z->flat == 0u) {
         return 0.0f;
     }
     const float margin_m = cr_way_margin(&s->facets[z->key.surface], cr_xform_point(pose, p));
@@ -125,7 +125,7 @@ CR_OUT_OF_LINE float above_end(const cr_scene *s, const xform *pose, const cr_wa
 /* The relation of two zones of one piece: by the label of the crease of their patches where there is but one, else by the means, and by where the faces that are
  * touched end: what stands beyond an end, and no lower than one solid could, is another one. */
 static float meet_static(const cr_scene *s, const xform *pose, const cr_way_zones *zones, const cr_way_relations *r,
-                         uint32_t a, uint32_t b, uint32_t label) {
+                         uint32_t a, uint32_t b, uint32_t label, uint32_t *asked) {
     const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
     if (za->key.surface == CR_WAY_NONE || zb->key.surface == CR_WAY_NONE ||
         (za->key.surface == zb->key.surface && (za->key.surface & CR_WAY_CURVED) == 0u)) {
@@ -135,6 +135,7 @@ static float meet_static(const cr_scene *s, const xform *pose, const cr_way_zone
         return label == CR_PAIR_CONVEX ? 1.0f : 0.0f;
     }
     const float ended_m = max_f(above_end(s, pose, za, r->touched[b]), above_end(s, pose, zb, r->touched[a]));
+    *asked += 1u;
     return meet(r->touched[a], r->normal[a], r->touched[b], r->normal[b], ended_m, NEAR * s->meta->spacing_m);
 }
 
@@ -359,9 +360,10 @@ static void put_in_order(const cr_way_zones *zones, uint32_t zone, cr_way_relati
     r->order[k] = (uint8_t)zone;
 }
 
-void cr_way_relate(const cr_scene *scene, const xform *pose, const cr_way_zones *zones, uint32_t zone,
-                   cr_way_relations *r) {
+uint32_t cr_way_relate(const cr_scene *scene, const xform *pose, const cr_way_zones *zones, uint32_t zone,
+                       cr_way_relations *r) {
     const cr_way_zone *z = &zones->zones[zone];
+    uint32_t asked = 0u;
     CR_ASSERT(zone < zones->count && zones->count <= CR_WAY_ZONES_MAX);
     find_means(z, zone, r);
     put_in_order(zones, zone, r);
@@ -372,13 +374,15 @@ void cr_way_relate(const cr_scene *scene, const xform *pose, const cr_way_zones 
         const cr_way_zone *o = &zones->zones[b];
         const int same = (z->patch == o->patch) | (z->patch == CR_FACET_NONE) | (o->patch == CR_FACET_NONE);
         const uint32_t label = same ? 0u : cr_pair_label(scene, z->patch, o->patch);
-        const float part = z->key.piece == o->key.piece ? meet_static(scene, pose, zones, r, zone, b, label) : 0.0f;
+        const float part =
+            z->key.piece == o->key.piece ? meet_static(scene, pose, zones, r, zone, b, label, &asked) : 0.0f;
         const float beside = same || label != 0u ? 1.0f : part;
         r->part[zone][b] = r->part[b][zone] = part;
         r->whole_m3[zone] += beside * o->weight_m3;
         r->whole_m3[b] += beside * z->weight_m3;
         CR_ASSERT(!(part < 0.0f || part > 1.0f));
     }
+    return asked;
 }
 
 uint32_t cr_way_join(const cr_scene *scene, const cr_way_zones *zones, uint32_t zone, cr_way_relations *r,

@@ -58,8 +58,11 @@ static void end_at_facet(const cr_world *w, const cr_way_half *half, const cr_ar
     }
     if (most != NULL) {
         to->facet = most->key.surface;
-        const float margin_m = cr_way_margin(&w->scene.facets[to->facet], a->point_world_m);
-        to->beyond_m = depth_m + 0.5f * sqrtf(most->area_m2) - lower_f(0.0f, margin_m);
+        const struct cr_img_facet *f = &w->scene.facets[to->facet];
+        const cr_vec3 normal = v3_from(f->normal);
+        const float reach_m = depth_m + 0.5f * sqrtf(most->area_m2);
+        to->beyond_m = reach_m - lower_f(0.0f, cr_way_margin(f, a->point_world_m));
+        to->below_m = reach_m * v3_dot(normal, to->normal_world) + v3_dot(normal, a->point_world_m);
     }
 }
 

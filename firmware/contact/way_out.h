@@ -142,9 +142,9 @@ typedef struct {
 
 /* Zones become half-spaces in passes, each over all zones or half-spaces, one after the other. */
 
-/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part, whole_m3; all_m3 is added to. */
-void cr_way_relate(const cr_scene *scene, const xform *world_from_tool, const cr_way_zones *zones, uint32_t zone,
-                   cr_way_relations *relations);
+/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part, whole_m3; all_m3 is added to.   Returns  pairs whose ends were asked for. */
+uint32_t cr_way_relate(const cr_scene *scene, const xform *world_from_tool, const cr_way_zones *zones, uint32_t zone,
+                       cr_way_relations *relations);
 
 /* Purpose  how far a zone leads, once all are related.   Output  lead.   Returns  zones that it is related to. */
 uint32_t cr_way_lead(const cr_way_zones *zones, uint32_t zone, cr_way_relations *relations);

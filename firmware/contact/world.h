@@ -15,10 +15,11 @@ typedef struct {
 } cr_felt;
 
 /* A half-space that pushes, as it is kept until the next answer: its plane stays in the world, its point on the tool. It pushes a share of how deep it is: others do the
- * rest. It is no deeper than the way from its point to the end of the facet that weighs most in it, and beyond_m more. */
+ * rest. It is no deeper than the way from its point to the end of the facet that weighs most in it, and beyond_m more; nor than along its normal out of that facet's plane, which
+ * lies at below_m: over an edge its own plane is no surface. */
 typedef struct {
     cr_vec3 normal_world, point_tool_m;
-    float offset_m, area_m2, share, beyond_m;
+    float offset_m, area_m2, share, beyond_m, below_m;
     uint32_t facet; /* or CR_FACET_NONE */
 } cr_held;
 

@@ -20,8 +20,8 @@ enum {
     CONTROL_RESET = 0x80
 };
 /* From a reset to the next one while a drive is missing; twice as long each time, and at most: one that boots slowly is not reset for ever. */
-#define RESET_WAIT_NS (500u * MS_NS)
-#define RESET_WAIT_MAX_NS (16u * RESET_WAIT_NS)
+#define RESET_WAIT_MS 500u
+#define RESET_WAIT_MAX_MS (16u * RESET_WAIT_MS)
 #define RESET_SETTLE_NS (20u * MS_NS)
 #define CONTROL_REPEAT_NS (20u * MS_NS)
 /* A drive whose state comes twice in this many periods in a row is two drives. */
@@ -64,7 +64,7 @@ cr_frame *cr_bus_add_frame(cr_tx *tx, uint32_t id, uint8_t size) {
 void cr_bus_reset(cr_bus *bus, const cr_axis_config axis[CR_AXES]) {
     memset(bus, 0, sizeof *bus);
     bus->trouble_axis = CR_AXES;
-    bus->reset_wait_ns = RESET_WAIT_NS / 2u; /* before the first */
+    bus->reset_wait_ms = RESET_WAIT_MS / 2u; /* before the first */
     for (uint32_t a = 0; a < CR_AXES; a++) {
         bus->rated[a] = (uint32_t)(axis[a].rated * 1000.0f + 0.5f);
         bus->limit[a] = (uint32_t)(int32_t)cr_per_mille(axis[a].torque_max, axis[a].rated, axis[a].torque_max);
@@ -313,7 +313,7 @@ void cr_bus_check(const cr_bus_config *config, cr_bus *bus, uint64_t now_ns, cr_
     case CR_PHASE_RESET:
         if (bus->drive[0].seen && bus->drive[1].seen && bus->drive[2].seen) {
             bus->phase = CR_PHASE_SET_UP;
-        } else if (!bus->reset_due && now_ns - bus->reset_ns >= bus->reset_wait_ns) {
+        } else if (!bus->reset_due && now_ns - bus->reset_ns >= bus->reset_wait_ms * MS_NS) {
             bus->reset_due = 1u;
         }
         break;
@@ -393,7 +393,7 @@ void cr_bus_transmit(const cr_bus_config *config, cr_bus *bus, const int16_t tar
         }
         bus->reset_due = 0u;
         bus->reset_ns = now_ns;
-        bus->reset_wait_ns *= bus->reset_wait_ns < RESET_WAIT_MAX_NS ? 2u : 1u;
+        bus->reset_wait_ms <<= (uint32_t)(bus->reset_wait_ms < RESET_WAIT_MAX_MS);
     } else if (bus->start_due) {
         send_nmt(tx, NMT_START);
         bus->start_due = 0u;

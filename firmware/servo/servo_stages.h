@@ -46,14 +46,14 @@ typedef struct {
     uint32_t phase;
     cr_drive drive[CR_AXES];
     cr_wrist wrist;
-    uint64_t start_ns, reset_ns, reset_wait_ns, sdo_ns, enable_ns, beat_ns, control_ns;
+    uint64_t start_ns, reset_ns, sdo_ns, enable_ns, beat_ns, control_ns;
     uint32_t has_start;
     uint32_t refused; /* 1: a fault came before the first word; silent until cr_bus_reset */
     uint32_t sdo_axis, sdo_step, sdo_tries, sdo_waiting;
     uint32_t sdo_reading;                       /* 1: the step was written and is being read back */
     uint32_t sdo_object, sdo_found, sdo_wanted; /* of the last trouble: index << 8 | sub */
     uint32_t rated[CR_AXES], limit[CR_AXES];    /* what 0x6076 and 0x6072 have to say */
-    uint32_t reset_due, start_due;
+    uint32_t reset_due, start_due, reset_wait_ms;
     uint32_t faults; /* found by receive and check, taken by the caller */
     uint32_t sdo_abort, trouble_axis;
     uint16_t emcy_code;

@@ -175,6 +175,8 @@ WITHOUT = {
     "CALLED": "-fno-inline-functions-called-once",
     "OPENED": "-fno-inline-small-functions",
     "SORTED": "-fno-schedule-insns2",
+    "CHEAP": "-fno-expensive-optimizations",
+    "IFS": "-fno-if-conversion",
 }
 """Flags of device.mk for the files of lists."""
 

@@ -366,7 +366,7 @@ static void zones_are_in_the_order_of_their_keys(void **state) {
             made->normal_m3 = v3(0.0f, 0.0f, WEIGHT_M3);
         }
         for (uint32_t z = 0; z < 4u; z++) {
-            cr_way_relate(&scene, &at_home, &zones, z, &relations);
+            (void)cr_way_relate(&scene, &at_home, &zones, z, &relations);
         }
         for (uint32_t k = 0; k < 4u; k++) {
             assert_int_equal(gathered[way][relations.order[k]], k);
@@ -425,7 +425,7 @@ static double part_of_steps(float apart_m, float sine) {
         z->centre_m4 = v3_scale(v3(far_m * sqrtf(1.0f - sine * sine), 0.0f, high_m), z->weight_m3);
     }
     for (uint32_t z = 0; z < 2u; z++) {
-        cr_way_relate(&scene, &at_home, &zones, z, &relations);
+        (void)cr_way_relate(&scene, &at_home, &zones, z, &relations);
     }
     return (double)relations.part[0][1];
 }
@@ -464,7 +464,7 @@ static double part_beyond(uint8_t ends, float lower_m) {
         z->patch = (uint32_t)i;
     }
     for (uint32_t z = 0; z < 2u; z++) {
-        cr_way_relate(&scene, &at_home, &zones, z, &relations);
+        (void)cr_way_relate(&scene, &at_home, &zones, z, &relations);
     }
     return (double)relations.part[0][1];
 }
@@ -490,7 +490,7 @@ static void what_is_beside_a_zone_is_on_its_patch(void **state) {
         other->key.piece = 1u;
         other->patch = patch;
         for (uint32_t z = 0; z < 2u; z++) {
-            cr_way_relate(&scene, &at_home, &zones, z, &relations);
+            (void)cr_way_relate(&scene, &at_home, &zones, z, &relations);
         }
         assert_near((double)(relations.whole_m3[0] / WEIGHT_M3), patch == 0u ? 3.0 : 1.0, 1e-6);
         assert_near((double)(relations.whole_m3[1] / WEIGHT_M3), patch == 0u ? 3.0 : 2.0, 1e-6);

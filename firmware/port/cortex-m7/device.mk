@@ -28,10 +28,12 @@ UNFOLDED_C := $(addprefix firmware/contact/,answer.c search.c gather.c)
 CALLED_C := $(addprefix firmware/,$(addprefix contact/,feel.c resolve.c) $(addprefix servo/,pose.c bus.c))
 OPENED_C := firmware/contact/scene.c
 SORTED_C := firmware/contact/measure.c
+CHEAP_C := $(addprefix firmware/contact/,relate.c exits.c)
+IFS_C := firmware/contact/scene.c firmware/servo/servo.c firmware/servo/control.c
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
-	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C)' >$$@
+	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C) $(CHEAP_C) $(IFS_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C) $(CHEAP_C) $(IFS_C)' >$$@
 
 build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
@@ -46,6 +48,8 @@ $(UNFOLDED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-tree-forwprop
 $(CALLED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-inline-functions-called-once
 $(OPENED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-inline-small-functions
 $(SORTED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-schedule-insns2
+$(CHEAP_C:%.c=build/$(1)/%.o): WITHOUT := -fno-expensive-optimizations
+$(IFS_C:%.c=build/$(1)/%.o): WITHOUT += -fno-if-conversion
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
 	@rm -f $$@
