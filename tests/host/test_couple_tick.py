@@ -295,7 +295,9 @@ def test_a_ball_is_held_by_a_corner(turn_deg: float) -> None:
     x, y, z, w = Rotation.from_rotvec(np.radians(turn_deg) * np.array([0.0, 0.6, 0.8])).as_quat()
     rows[:, 4:8] = w, x, y, z
     ticks = run_path(
-        scene, Trajectory(rows, "corner"), ReplayOptions(stiffness_N_m=1000.0, couple=CoupleOptions())
+        scene,
+        Trajectory(rows, "corner"),
+        ReplayOptions(stiffness_N_m=1000.0, couple=CoupleOptions()),
     )
     held_mm = 15.0 - 1e3 * (ticks["display_pos_m"].astype(np.float64) @ out_of)
     assert held_mm.max() < 0.6

@@ -52,7 +52,8 @@ def test_a_flat_tool_pushes_as_deep_as_it_is(name: str) -> None:
     where their tops are the smaller part they are pushed less, 13 % at 2 mm.
     """
     world = crease.World(
-        crease.bake(mesh_of(STANDS[name], name), mesh_of(box(60, 40, 10), "plate")), stiffness=1000.0
+        crease.bake(mesh_of(STANDS[name], name), mesh_of(box(60, 40, 10), "plate")),
+        stiffness=1000.0,
     )
     for deep_mm in DEPTHS_MM if name != "25 pins" else DEPTHS_MM[:-2]:
         world.reset()

@@ -37,7 +37,9 @@ def add_parser(sub: SubParsers) -> None:
         "name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"])
     )
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder")
-    parser.add_argument("--quick", action="store_true", help="a part of it, in seconds to two minutes")
+    parser.add_argument(
+        "--quick", action="store_true", help="a part of it, in seconds to two minutes"
+    )
     add_inputs(parser)
     parser.add_argument(
         "--exact",
