@@ -21,7 +21,7 @@
 #define PARTS_OF_HALF 24u
 #define PARTS_OF_WAYS 32u
 #define PARTS_OF_LANE 4u
-#define PARTS_OF_ROW 7u
+#define PARTS_OF_ROW 8u
 #define PARTS_OF_MEETS 10u
 #define PARTS_OF_EXIT 13u
 #define PARTS_OF_PLACE 23u

@@ -165,19 +165,19 @@ static void fault_when_not_finite(cr_world *w, cr_vec3 pos_m, cr_output *out) {
 void cr_drop_hand(cr_world *w) { w->hand.count = w->behind.count = w->in_hand = 0u; }
 
 /* Contact found for poses before this one is not this one's. */
-static void forget_contact(cr_world *w) {
+CR_OUT_OF_LINE void forget_contact(cr_world *w) {
     w->felt.memory++;
     cr_drop_hand(w);
     w->hand.stamp = w->felt.stamp;
 }
 
 /* How much of the contact in hand is felt at the feel with this stamp. */
-static float share_of_hand(const cr_world *w, uint32_t stamp) {
+CR_OUT_OF_LINE float share_of_hand(const cr_world *w, uint32_t stamp) {
     const uint32_t rises = w->taken - w->hand.stamp + w->hand.ahead, risen = stamp - w->taken + 1u;
     return risen < rises ? (float)risen / (float)rises : 1.0f;
 }
 
-static void put_behind(cr_behind *behind, const cr_held *held, float share) {
+CR_OUT_OF_LINE void put_behind(cr_behind *behind, const cr_held *held, float share) {
     behind->held[behind->count] = *held;
     behind->share[behind->count++] = share;
 }
@@ -221,19 +221,24 @@ void cr_world_clear_fault(cr_world *world) {
     forget_contact(world);
 }
 
+/* Cosine of a half-space and the facet that weighs most in it from which on they are one. */
+#define FLAT 0.9999f
+
 /* How deep it is felt with its point at p: not as a plane that goes on where its facet has ended, nor as one over an edge, which is no surface, where the tool has come below the facet
  * beside it by less. Not a number stays one. */
 static float felt_depth(const cr_scene *s, const cr_held *h, cr_vec3 p) {
     const float depth_m = cr_held_depth(h, p);
-    if (h->facet == CR_FACET_NONE) {
+    if (h->facet == CR_FACET_NONE || !(depth_m > 0.0f)) {
         return depth_m;
     }
     const struct cr_img_facet *f = &s->facets[h->facet];
-    const cr_vec3 normal = v3_from(f->normal);
-    const float leaves = v3_dot(normal, h->normal_world);
-    const float most_m = h->beyond_m + cr_way_margin(f, p), below_m = (h->below_m - v3_dot(normal, p)) / leaves;
-    const float felt_m = leaves > CR_WAY_LEAVES_MIN && below_m < depth_m ? below_m : depth_m;
-    return most_m < felt_m ? most_m : felt_m;
+    const float most_m = h->beyond_m + cr_way_margin(f, p);
+    const float felt_m = most_m < depth_m ? most_m : depth_m;
+    if (h->leaves > FLAT) {
+        return felt_m; /* its plane is the facet's */
+    }
+    const float below_m = (h->below_m - v3_dot(v3_from(f->normal), p)) / h->leaves;
+    return below_m < felt_m ? below_m : felt_m;
 }
 
 /* A half-space that was found earlier as it is felt at this pose, to a share: the plane stays where it is, the point moves with the tool. Where that is out of

@@ -4,6 +4,8 @@
 /* Where a search looks, of the way since the last answer's began, if it takes as long: the middle of the feels in which it will be the newest answer. With 0 the
  * force of edge90_cube is 0.079 mm off with 40 units instead of 0.022, and that of bar_u 0.047 instead of 0.034. */
 #define AHEAD 1.5f
+/* Cosine of a half-space and the facet that weighs most in it from which on it is no deeper than below that: it then changes by twice the motion at most. */
+#define HELD_LEAVES_MIN 0.5f
 /* How much deeper or less deep a contact in hand may be there, of what it is now: past the middle of a plate it pushes out at the other side, and a wall that the
  * tool is expected to leave would be felt no more. */
 #define DEEPER 0.5f
@@ -62,7 +64,9 @@ static void end_at_facet(const cr_world *w, const cr_way_half *half, const cr_ar
         const cr_vec3 normal = v3_from(f->normal);
         const float reach_m = depth_m + 0.5f * sqrtf(most->area_m2);
         to->beyond_m = reach_m - lower_f(0.0f, cr_way_margin(f, a->point_world_m));
-        to->below_m = reach_m * v3_dot(normal, to->normal_world) + v3_dot(normal, a->point_world_m);
+        const float leaves = v3_dot(normal, to->normal_world);
+        to->leaves = leaves > HELD_LEAVES_MIN ? leaves : 1.0f;
+        to->below_m = reach_m * leaves + v3_dot(normal, a->point_world_m);
     }
 }
 

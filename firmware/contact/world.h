@@ -19,7 +19,7 @@ typedef struct {
  * lies at below_m: over an edge its own plane is no surface. */
 typedef struct {
     cr_vec3 normal_world, point_tool_m;
-    float offset_m, area_m2, share, beyond_m, below_m;
+    float offset_m, area_m2, share, beyond_m, below_m, leaves;
     uint32_t facet; /* or CR_FACET_NONE */
 } cr_held;
 

@@ -60,6 +60,8 @@ GIVEN = {
     "ROUNDING_M": "rounding",
     "CR_WAY_SLACK_M": "rounding",
     "CREASE_END": "rounding",
+    "HELD_LEAVES_MIN": "a limit of how fast a late contact changes",
+    "FLAT": "rounding: a facet beside which nothing is felt otherwise",
     "NOTHING_M": "rounding",
     "LANDING_M": "rounding",
     "AREA_MIN_M2": "rounding",

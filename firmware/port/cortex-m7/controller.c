@@ -13,7 +13,7 @@
 #define DEADLINE_NS 700000u
 /* A slot is the one at a time that it comes this near to, whatever it had to wait for. */
 #define NEAR_NS (BOARD_SLOT_NS / 2u)
-/* A servo and a world with 294 groups of the shell (host/crease/replay/devices.toml); set-up fails when a scene needs more. */
+/* A servo and a world with 289 groups of the shell (host/crease/replay/devices.toml); set-up fails when a scene needs more. */
 #define MEMORY_BYTES (80u * 1024u)
 /* Work of one call of the search: after it the search of a servo that began anew is dropped. */
 #define SLICE_WORK 64u

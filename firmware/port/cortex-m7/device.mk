@@ -25,7 +25,7 @@ RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c
 
 # And what one pass or another of -Os makes larger.
 UNFOLDED_C := $(addprefix firmware/contact/,answer.c search.c gather.c)
-CALLED_C := $(addprefix firmware/,$(addprefix contact/,feel.c resolve.c) $(addprefix servo/,pose.c bus.c))
+CALLED_C := $(addprefix firmware/,$(addprefix contact/,resolve.c) $(addprefix servo/,pose.c bus.c modes.c))
 OPENED_C := firmware/contact/scene.c
 SORTED_C := firmware/contact/measure.c
 CHEAP_C := $(addprefix firmware/contact/,relate.c exits.c)
