@@ -81,8 +81,8 @@ def test_a_constant_lies_within_its_range_and_tests_hold_it_there(constant: Cons
 
 
 def test_no_guard_is_taken_for_a_test_that_is_not_there() -> None:
-    assert is_test("tests/unit/test_relate.c::resolve_ends")
-    assert not is_test("tests/unit/test_relate.c::resolve_end")
+    assert is_test("tests/unit/test_resolve.c::resolve_ends")
+    assert not is_test("tests/unit/test_resolve.c::resolve_end")
     assert not is_test("tests/unit/test_related.c::resolve_ends")
     assert is_test(f"{GOLDEN}[bar_u-amplification]")
     assert not is_test(f"{GOLDEN}[bar_u-colour]")

@@ -129,7 +129,8 @@ static void a_zone_joins_once(void **state) {
     crt_rig rig;
     open_cube_in_block(&rig);
     zones.count = 1u;
-    STOPS_IN("relate.c", (void)cr_way_relate(&rig.scene, &at_home, &zones, 0u, &relations)); /* nothing is inside of it */
+    STOPS_IN("relate.c",
+             (void)cr_way_relate(&rig.scene, &at_home, &zones, 0u, &relations)); /* nothing is inside of it */
     zones.zones[0] =
         (cr_way_zone){.weight_m3 = 1e-9f, .area_m2 = 1e-5f, .flat = 1u, .plane_normal = {0.0f, 0.0f, 1.0f}};
     (void)cr_way_relate(&rig.scene, &at_home, &zones, 0u, &relations);
