@@ -513,7 +513,7 @@ static void what_does_not_push_turns_nothing(void **state) {
     static cr_way_half half[3];
     for (int h = 0; h < 3; h++) {
         half[h].normal = v3(0.0f, 0.0f, 1.0f);
-        half[h].weight_m3 = 1e-9f;
+        half[h].joined_m3 = 1e-9f;
         half[h].open = h < 2 ? 1.0f : 0.0f;
         half[h].own_m = v3(h < 2 ? (float)h : 1e6f, 0.0f, 0.0f);
     }
