@@ -170,22 +170,11 @@ def made_by(text: str) -> list[str]:
     return call(["make", "-s", "--eval", f"show: ; @echo {text}", "show"]).split()
 
 
-WITHOUT = {
-    "UNFOLDED": "-fno-tree-forwprop",
-    "CALLED": "-fno-inline-functions-called-once",
-    "OPENED": "-fno-inline-small-functions",
-    "SORTED": "-fno-schedule-insns2",
-    "CHEAP": "-fno-expensive-optimizations",
-    "IFS": "-fno-if-conversion",
-}
-"""Flags of device.mk for the files of lists."""
-
-
 def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> list[str]:
     """One configuration, compiled anew."""
     given = made_by(f"$(CPU_{cpu}) $(CORTEX_FLAGS) $(LEVEL) $(CORTEX_INCLUDES)")
     small = made_by("$(SMALL_C)")
-    without = {flag: made_by(f"$({name}_C)") for name, flag in WITHOUT.items()}
+    without = [pair.split("=", 1) for pair in made_by("$(WITHOUT)")]
     rare, rarely = made_by("$(RARE_C)"), made_by("$(RARELY)")
     options = [w if not w.startswith("-I") else f"-I{ROOT / w[2:]}" for w in given]
     defines = [f"-D{setting}" for setting in settings]
@@ -193,7 +182,7 @@ def memory_row(name: str, cpu: str, settings: Sequence[str], folder: Path) -> li
     for source in sources:
         name_of = str(source.relative_to(ROOT))
         level = ["-Os"] * (name_of in small) + rarely * (name_of in rare)
-        level += [flag for flag, files in without.items() if name_of in files]
+        level += [flag for file, flag in without if file == name_of]
         call(["arm-none-eabi-gcc", *options, *level, *defines, "-c", source], folder)
     total = call(["arm-none-eabi-size", "-t", *sorted(folder.glob("*.o"))]).splitlines()[-1].split()
     allowed = {

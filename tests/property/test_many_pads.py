@@ -1,4 +1,4 @@
-"""A flat tool on many things that stand on one floor: pads, ribs, a grate. It pushes as deep as it is, however many."""
+"""A flat tool on many things that stand on one floor: pads, ribs, uneven ones. It pushes as deep as it is."""
 
 from __future__ import annotations
 

@@ -23,33 +23,25 @@ SMALL_C := $(addprefix firmware/,$(addprefix contact/,motion.c exits.c facets.c 
 RARELY := -fno-move-loop-invariants -fno-thread-jumps -fno-tree-dominator-opts
 RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c gather.c facets.c rows.c depth_along.c scene.c search.c answer.c) $(addprefix servo/,config.c modes.c bus.c servo.c control.c pose.c))
 
-# And what one pass or another of -Os makes larger.
-UNFOLDED_C := $(addprefix firmware/contact/,answer.c search.c gather.c)
-CALLED_C := $(addprefix firmware/,$(addprefix contact/,resolve.c) $(addprefix servo/,pose.c bus.c modes.c))
-OPENED_C := firmware/contact/scene.c
-SORTED_C := firmware/contact/measure.c
-CHEAP_C := $(addprefix firmware/contact/,relate.c exits.c)
-IFS_C := firmware/contact/scene.c firmware/servo/servo.c firmware/servo/control.c
+# And passes of -Os that make one source or another larger: SOURCE=FLAG.
+WITHOUT := $(addprefix firmware/contact/,$(addsuffix =-fno-tree-forwprop,answer.c search.c gather.c)) \
+    $(addprefix firmware/,$(addsuffix =-fno-inline-functions-called-once,contact/resolve.c servo/pose.c servo/bus.c servo/modes.c)) \
+    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2) \
+    $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c))
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
-	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C) $(CHEAP_C) $(IFS_C)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(UNFOLDED_C) $(CALLED_C) $(OPENED_C) $(SORTED_C) $(CHEAP_C) $(IFS_C)' >$$@
+	@mkdir -p $$(@D); echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(WITHOUT)' | cmp -s - $$@ || echo '$(CPU_$(1)) $(CORTEX_FLAGS) $(LEVEL) $(SMALL_C) $(RARELY) $(RARE_C) $(WITHOUT)' >$$@
 
 build/$(1)/%.o: %.c build/$(1)/.flags
 	@mkdir -p $$(@D)
 	@echo "$(1): $$<"
-	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $$(if $$(filter -Os,$$(LEVEL)),$$(WITHOUT)) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
+	@$(ARM)gcc $(CPU_$(1)) $(CORTEX_FLAGS) $$(LEVEL) $$(if $$(filter -Os,$$(LEVEL)),$$(patsubst $$<=%,%,$$(filter $$<=%,$(WITHOUT)))) $(CORTEX_INCLUDES) -MMD -MP -c $$< -o $$@
 
-# Small, not fast: all but detect, depth_along, motion and near, which are dearer so. What stands between lookups takes about as long either way.
+# Small, not fast: all but detect and near, which are dearer so. What stands between lookups takes about as long either way.
 $(SMALL_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os,$(LEVEL))
 # Of these, what costs little, smaller still.
 $(RARE_C:%.c=build/$(1)/%.o): LEVEL := $(if $(filter -O2,$(LEVEL)),-Os $(RARELY),$(LEVEL))
-$(UNFOLDED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-tree-forwprop
-$(CALLED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-inline-functions-called-once
-$(OPENED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-inline-small-functions
-$(SORTED_C:%.c=build/$(1)/%.o): WITHOUT := -fno-schedule-insns2
-$(CHEAP_C:%.c=build/$(1)/%.o): WITHOUT := -fno-expensive-optimizations
-$(IFS_C:%.c=build/$(1)/%.o): WITHOUT += -fno-if-conversion
 
 build/$(1)/libcrease.a: $(patsubst %.c,build/$(1)/%.o,$(filter-out $(COUPLE_C),$(FIRMWARE_C)))
 	@rm -f $$@
