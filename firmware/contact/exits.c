@@ -9,7 +9,8 @@
 /* Exits that are compared on a piece: the shortest ones. */
 #define RIVALS_MAX 4u
 
-/* How long the way is to the first exit from a place u beside the middle of the piece; planes that it does not leave through only bound the inside. */
+/* How long the way is to the first exit from a place u beside the middle of the piece; planes that it does not leave through only bound the inside. Without
+ * end where none leads out. */
 static float first_exit(const cr_way_exits *e, cr_vec3 u) {
     float least = 3.0e38f;
     for (uint32_t k = 0; k < e->count; k++) {
@@ -18,7 +19,7 @@ static float first_exit(const cr_way_exits *e, cr_vec3 u) {
             least = min_f(least, -height / max_f(e->leaves[k], CR_WAY_LEAVES_MIN));
         }
     }
-    return least < 3.0e38f ? least : 0.0f;
+    return least;
 }
 
 /* An exit that may be the first somewhere on the piece: how long at the middle, its gradient, and W times that. */

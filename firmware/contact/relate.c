@@ -284,7 +284,11 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     const float *part = r->part[zone];
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
-    float known = 0.0f; /* of the weight, what has a normal */
+    float
+        known = 0.0f,
+        whole =
+            r->whole_m3
+                [zone]; /* of the weight, what has a normal; of all that is beside, the least that one of those that are one with it knows: whichever comes first */
     out->zones = out->bound_count = 0u;
     out->led_m3 = out->joined_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
     cone->zones = cone->count = cone->projected = 0u;
@@ -302,6 +306,7 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
         centre = v3_mad(centre, z->centre_m4, part[c]);
         weight += part[c] * z->weight_m3;
         known += part[c] * z->weight_m3 * v3_dot(unit[c], unit[c]);
+        whole = part[c] > 1.0f - SAME ? lower_f(whole, r->whole_m3[c]) : whole;
         area += part[c] * z->area_m2;
         out->curved_m3 += z->flat ? 0.0f : part[c] * z->weight_m3;
         if (!z->flat && z->patch != CR_FACET_NONE) {
@@ -312,7 +317,7 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
     const float most = (weight / r->all_m3 - RULES_FROM) / (1.0f - RULES_FROM);
-    const float rules = clamp_f(max_f(most, (weight / r->whole_m3[zone] - ALL_FROM) / (1.0f - ALL_FROM)), 0.0f, 1.0f);
+    const float rules = clamp_f(max_f(most, (weight / whole - ALL_FROM) / (1.0f - ALL_FROM)), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     out->weight_m3 = weight;
     out->own_m = v3_scale(turn, per_weight);   /* yet of the sum, */

@@ -61,3 +61,23 @@ def test_a_flat_tool_pushes_as_deep_as_it_is(name: str) -> None:
         pushed_mm = out.force_N.astype(np.float64)
         assert abs(pushed_mm[2] - deep_mm) < 0.01 * deep_mm
         assert np.hypot(pushed_mm[0], pushed_mm[1]) < 0.005 * deep_mm
+
+
+@pytest.mark.parametrize("wide_mm", [4.0, 7.0, 14.0])
+def test_a_post_is_felt_deeper_than_half_its_width(wide_mm: float) -> None:
+    """All samples are nearest to its sides then, and no plane that they are below leads up: only a march tells the way.
+
+    Where no plane led out of them there was no force: 2.4 mm deep in a post of 4 it ended at once.
+    """
+    post = BASE + box(wide_mm, wide_mm, HIGH_MM)
+    world = crease.World(
+        crease.bake(mesh_of(post, "post"), mesh_of(box(60, 40, 30), "block")), stiffness=1000.0
+    )
+    for deep_mm in min(wide_mm, 9.0) * np.arange(
+        0.05, 1.0, 0.05
+    ):  # above the floor that it stands on
+        world.reset()
+        out = world.tick([4e-4, 4e-4, 1e-3 * (HIGH_MM - deep_mm), 1.0, 0.0, 0.0, 0.0])
+        pushed_mm = out.force_N.astype(np.float64)
+        assert abs(pushed_mm[2] - deep_mm) < 0.01 * deep_mm
+        assert np.hypot(pushed_mm[0], pushed_mm[1]) < 0.005 * deep_mm

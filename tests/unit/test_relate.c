@@ -54,8 +54,8 @@ static cr_way_zone *add_zone(cr_vec3 normal, float weights, cr_vec3 push) {
     relations.unit[index] = normal;
     relations.order[index] = (uint8_t)index;
     relations.all_m3 += z->weight_m3;
-    relations.whole_m3[0] = 2.0f * relations.all_m3; /* it is a part of an overlap */
     for (uint32_t i = 0; i <= index; i++) {
+        relations.whole_m3[i] = 2.0f * relations.all_m3; /* it is a part of an overlap */
         relations.part[index][i] = relations.part[i][index] = 1.0f;
     }
     return z;
@@ -214,6 +214,22 @@ static void all_of_an_overlap_tells_a_direction(void **state) {
     assert_near(lean_of(join_first()) / full, 0.5, 0.1);
     relations.whole_m3[0] = WEIGHT_M3 / 0.89f;
     assert_near(lean_of(join_first()) / full, 0.0, 1e-6);
+}
+
+/* Of zones that are one each may be beside others: which of them comes first does not matter. */
+static void what_is_beside_does_not_depend_on_order(void **state) {
+    (void)state;
+    add_leaning_floor(0.8f);
+    *add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 0.0f)) = zones.zones[0];
+    relations.all_m3 = 20.0f * WEIGHT_M3;
+    relations.whole_m3[0] = 2.0f * WEIGHT_M3;
+    relations.whole_m3[1] = 4.0f * WEIGHT_M3;
+    const double first = lean_of(join_first());
+    relations.whole_m3[0] = 4.0f * WEIGHT_M3;
+    relations.whole_m3[1] = 2.0f * WEIGHT_M3;
+    assert_near(lean_of(join_first()), first, 1e-6);
+    relations.whole_m3[1] = 4.0f * WEIGHT_M3;
+    assert_true(lean_of(join_first()) < 0.5 * first);
 }
 
 /* How open a half-space is of whose sum the normal tells this part, and nothing else is believed. */
@@ -551,6 +567,7 @@ int main(void) {
         cmocka_unit_test_setup(few_samples_tell_no_new_direction, clear),
         cmocka_unit_test_setup(minority_tells_no_new_direction, clear),
         cmocka_unit_test_setup(all_of_an_overlap_tells_a_direction, clear),
+        cmocka_unit_test_setup(what_is_beside_does_not_depend_on_order, clear),
         cmocka_unit_test_setup(sum_that_normals_do_not_tell_does_not_lead, clear),
         cmocka_unit_test_setup(sum_that_cancels_fades, clear),
         cmocka_unit_test_setup(relations_are_the_same_to_a_thousandth, clear),
