@@ -73,7 +73,30 @@ def test_help_of_every_verb(crease: Run, verb: str) -> None:
 def test_wrong_command_line_exits_2(crease: Run, line: str) -> None:
     said = crease(*line.split())
     assert said.status == 2
-    assert "usage: crease" in said.err
+    verb = " ".join(line.split()[:1]) if line.split()[:1] != ["fly"] else ""
+    assert re.fullmatch(rf"error: .*; see `{f'crease {verb}'.strip()} --help`\n", said.err)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("bake a.stl", "TOOL, -o, --unit are missing"),
+        ("check a.stl", "--unit is missing"),
+        ("fly", "there is no verb 'fly'; the verbs are check, bake, info,"),
+        ("info a.crs --devise x", "there is no option --devise, perhaps --device"),
+        ("info a.crs b.crs", "'b.crs' is one argument too many"),
+        ("replay a.crs b.csv -o c.csv --stiffness=-3", "--stiffness: -3 is not in 0..1e+06"),
+        ("experiment al -o D", "NAME: 'al' is not known; use penetration, timing, "),
+        ("replay a.crs b.csv -o c.csv --friction 1", "--friction is of a held tool; give --couple"),
+    ],
+)
+def test_what_is_wrong_with_a_command_line_is_one_line_with_the_mend(
+    crease: Run, line: str, text: str
+) -> None:
+    said = crease(*line.split())
+    assert (said.status, said.out) == (2, "")
+    assert said.err.startswith(f"error: {text}")
+    assert said.err.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -400,7 +423,7 @@ def test_interrupt_is_one_line(crease: Run, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(info, "run", interrupted)
     said = crease("info", "any.crs")
-    assert (said.status, said.err) == (1, "error: interrupted\n")
+    assert (said.status, said.err) == (130, "error: interrupted\n")
 
 
 def test_interrupt_while_modules_load_is_one_line() -> None:
@@ -411,7 +434,7 @@ def test_interrupt_while_modules_load_is_one_line() -> None:
         pass
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
-    assert (child.returncode, out, err) == (1, b"", b"error: interrupted\n")
+    assert (child.returncode, out, err) == (-signal.SIGINT, b"", b"error: interrupted\n")
 
 
 def test_a_full_disk_under_the_output_is_one_line(ball_stl: Path) -> None:

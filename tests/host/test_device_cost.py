@@ -273,8 +273,11 @@ def test_found_poses_take_no_more_than_is_told(crease: Run) -> None:
 
 def test_wrong_words_have_one_line(scene_crs: Path, press_csv: Path, crease: Run) -> None:
     said = crease("info", scene_crs, "--device", "z80")
-    assert said.status == 1
-    assert said.err == f"error: device 'z80' is not known; use {', '.join(device_names())}\n"
+    assert said.status == 2
+    known = ", ".join(device_names())
+    assert said.err == (
+        f"error: --device: 'z80' is not known; use {known}; see `crease info --help`\n"
+    )
     said = crease("info", scene_crs, "--path", press_csv)
-    assert said.status == 1
+    assert said.status == 2
     assert "name it with --device" in said.err

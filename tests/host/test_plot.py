@@ -122,7 +122,7 @@ def test_table_of_another_kind_is_refused(folder: Path, press_csv: Path, crease:
 
 def test_too_many_tables_are_refused(folder: Path, press_out: Path, crease: Run) -> None:
     said = crease("plot", *[press_out] * 9, "-o", folder / "no.png")
-    assert (said.status, said.err.count("\n")) == (1, 1)
+    assert (said.status, said.err.count("\n")) == (2, 1)
 
 
 @given(st.floats(0.0, 179.0), st.floats(0.01, 100.0))

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from crease.base.errors import SceneError
+from crease.base.errors import UsageError
 from crease.base.scene import open_scene
 from crease.base.units import format_length
 from crease.replay.cost import (
@@ -41,6 +41,8 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
+        type=str.lower,
+        choices=device_names(),
         help=f"room for the scene, memory, and instructions of a tick on {', '.join(device_names())}",
     )
     parser.add_argument(
@@ -61,9 +63,9 @@ def add_parser(sub: SubParsers) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError when the file is not a valid image, or the device is not known."""
+    """Errors: CreaseError when the file is not a valid image."""
     if args.path is not None and args.device is None:
-        raise SceneError("--path: counts ticks for a controller; name it with --device")
+        raise UsageError("--path: counts ticks for a controller; name it with --device")
     scene = open_scene(args.scene)
     info = scene.info()
     path = None if args.path is None else load_trajectory(args.path)
