@@ -14,7 +14,9 @@ import trimesh
 from crease import __version__
 from crease.base.native import lib
 from crease.base.progress import Progress
+from crease.mesh.mesh import load_mesh
 from crease.verbs import info
+from crease.verbs.bake import unit_warning
 from host_tools import Run, Said
 
 
@@ -161,6 +163,32 @@ def test_tool_may_have_a_unit_of_its_own(folder: Path, block_stl: Path, crease: 
     report = crease("bake", block_stl, tool, "-o", folder / "cm.crs", *args).json
     assert report["tool"]["max_m"] == pytest.approx([0.01] * 3, rel=1e-3)
     assert report["static"]["max_m"] == pytest.approx([0.04, 0.04, 0.0])
+
+
+def test_bake_warns_of_a_tool_in_another_unit(
+    folder: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    """The block is 80 mm long, the ball 20: in inches it is 6 times as long."""
+    sizes = ("--unit", "mm", "--voxel", "8mm", "--json", "--force", "-o", folder / "units.crs")
+    line = ("bake", block_stl, ball_stl, *sizes)
+    for unit, spacing, told in (
+        ("mm", "4mm", None),
+        ("cm", "40mm", None),
+        ("in", "80mm", "the tool is 508 mm long, 6 times as long as the mock-up, 80 mm; "),
+        ("m", "4m", "the tool is 20 m long, 250 times as long as the mock-up, 80 mm; "),
+    ):
+        said = crease(*line, "--tool-unit", unit, "--spacing", spacing)
+        assert said.status == 0, said.err
+        warnings = [text for text in said.json["warnings"] if "times as" in text]
+        assert len(warnings) == (told is not None)
+        for text in warnings:
+            assert text.startswith(f"{ball_stl}: {told}")
+            assert text.endswith("give its unit with --tool-unit, the mock-up's with --unit")
+            assert f"warning: {text}\n" in said.err
+    large = trimesh.creation.box(extents=[8000, 8000, 400])
+    large.export(folder / "large.stl")
+    (text,) = unit_warning(load_mesh(folder / "large.stl", 1e-3), load_mesh(ball_stl, 1e-3))
+    assert "the tool is 20 mm long, 400 times as short as the mock-up, 8 m; " in text
 
 
 @pytest.mark.slow
