@@ -165,30 +165,36 @@ def test_tool_may_have_a_unit_of_its_own(folder: Path, block_stl: Path, crease: 
     assert report["static"]["max_m"] == pytest.approx([0.04, 0.04, 0.0])
 
 
+@pytest.mark.slow
 def test_bake_warns_of_a_tool_in_another_unit(
     folder: Path, block_stl: Path, ball_stl: Path, crease: Run
 ) -> None:
-    """The block is 80 mm long, the ball 20: in inches it is 6 times as long."""
-    sizes = ("--unit", "mm", "--voxel", "8mm", "--json", "--force", "-o", folder / "units.crs")
-    line = ("bake", block_stl, ball_stl, *sizes)
-    for unit, spacing, told in (
-        ("mm", "4mm", None),
-        ("cm", "40mm", None),
-        ("in", "80mm", "the tool is 508 mm long, 6 times as long as the mock-up, 80 mm; "),
-        ("m", "4m", "the tool is 20 m long, 250 times as long as the mock-up, 80 mm; "),
-    ):
-        said = crease(*line, "--tool-unit", unit, "--spacing", spacing)
-        assert said.status == 0, said.err
-        warnings = [text for text in said.json["warnings"] if "times as" in text]
-        assert len(warnings) == (told is not None)
-        for text in warnings:
-            assert text.startswith(f"{ball_stl}: {told}")
-            assert text.endswith("give its unit with --tool-unit, the mock-up's with --unit")
-            assert f"warning: {text}\n" in said.err
-    large = trimesh.creation.box(extents=[8000, 8000, 400])
-    large.export(folder / "large.stl")
-    (text,) = unit_warning(load_mesh(folder / "large.stl", 1e-3), load_mesh(ball_stl, 1e-3))
-    assert "the tool is 20 mm long, 400 times as short as the mock-up, 8 m; " in text
+    sizes = ("--unit", "mm", "--tool-unit", "in", "--voxel", "8mm", "--spacing", "80mm")
+    said = crease("bake", block_stl, ball_stl, *sizes, "-o", folder / "units.crs", "--json")
+    assert said.status == 0
+    (text, *_) = said.json["warnings"]
+    assert text == (
+        f"{ball_stl}: the tool is 508 mm long, 6 times as long as the mock-up, 80 mm; if that is wrong, give its unit "
+        "with --tool-unit, the mock-up's with --unit"
+    )
+    assert said.err.startswith(f"warning: {text}\n")
+
+
+@pytest.mark.parametrize(
+    ("static_m", "tool_m", "told"),
+    [
+        (1e-3, 1e-3, ""),
+        (1e-3, 1e-2, ""),
+        (1e-3, 2.1e-2, "the tool is 420 mm long, 5 times as long as the mock-up, 80 mm; "),
+        (2.4e-2, 1e-3, ""),
+        (2.6e-2, 1e-3, "the tool is 20 mm long, 104 times as short as the mock-up, 2.08 m; "),
+    ],
+)
+def test_a_tool_is_warned_of_from_5_times_to_a_hundredth_of_the_mock_up(
+    block_stl: Path, ball_stl: Path, static_m: float, tool_m: float, told: str
+) -> None:
+    lines = unit_warning(load_mesh(block_stl, static_m), load_mesh(ball_stl, tool_m))
+    assert [told in line for line in lines] == [True] * bool(told)
 
 
 @pytest.mark.slow
