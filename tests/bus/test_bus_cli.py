@@ -134,6 +134,10 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
     ("args", "text", "status"),
     [
         (["sim", "-i", "socketcan", "-c", "nowhere7"], "there is no such interface", 1),
+        (["sim", "-i", "socketcan", "-c", "vcan77"],
+         "vcan77: there is no such interface; make it: sudo ip link add vcan77 type vcan && ", 1),
+        (["bus", "-i", "socketcan", "-c", "vcan77"], "sudo ip link set vcan77 up", 1),
+        (["bus", "-i", "socketcan", "-c", "can7"], "can7: there is no such interface; see `ip link show type can`", 1),
         (["sim", "-i", "nothing", "-c", "x"], "cannot be opened", 1),
         (["sim", "-i", "inprocess", "-c", "x"], "use socketcan or virtual", 2),
         (["sim", "-i", "virtual", "-c", "x", "-b", "500000"], "runs at 1000000", 1),

@@ -135,7 +135,7 @@ def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
     from crease.base.ending import raising
     from crease.base.errors import UsageError
-    from crease.bus.transport import check_bitrate
+    from crease.bus.transport import check_bitrate, check_channel
     from crease.loop.hil import describe, run_socketcan
     from crease.replay.recording import SUFFIX, recording_bytes
     from crease.verbs.sim import parse_fault
@@ -153,6 +153,7 @@ def run(args: argparse.Namespace) -> None:
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != DEFAULT_RESPONSE:
             raise UsageError(_ELSEWHERE[(*given, "response")[0]])
+        check_channel(args.interface, args.channel)
         with raising(), tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)

@@ -191,7 +191,9 @@ def run(args: argparse.Namespace) -> None:
 def _run_socketcan(args: argparse.Namespace, drives: Drives) -> int:
     """In C, without the interpreter in the loop. Gives frames lost."""
     from crease._sim import ffi, lib
+    from crease.bus.transport import check_channel
 
+    check_channel(args.interface, args.channel)
     report = ffi.new("cr_sim_run_report *")
     duration_us = round(1e6 * args.seconds) if args.seconds else 0
     status = lib.cr_sim_run_socketcan(drives.c, args.channel.encode(), duration_us, report)
