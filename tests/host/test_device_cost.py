@@ -13,6 +13,7 @@ from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
 from crease.base.units import parse_size
 from crease.replay.cost import (
+    BOARD_LATE_MAX,
     BOARD_WORK,
     PERIOD_S,
     beside_ticks,
@@ -200,6 +201,18 @@ def controller_rows() -> list[list[str]]:
             ]
         rows.append(row)
     return rows
+
+
+@pytest.mark.slow
+def test_answers_later_than_the_boards_bear_are_told(crease: Run) -> None:
+    board = (ROOT / "firmware/port/cortex-m7/board.h").read_text("utf-8")
+    assert f"#define BOARD_LATE_MAX_TICKS {BOARD_LATE_MAX}u" in board
+    scene, path = (
+        ROOT / "build" / name for name in ("scenes/edge90_cube.crs", "meshes/edge90_cube.csv")
+    )
+    for device, too_late in (("mps3-an547", 1), ("stm32h743", 0)):
+        said = crease("info", scene, "--device", device, "--path", path)
+        assert said.out.count("TOO LATE, the boards fault beyond 50") == too_late
 
 
 def test_table_of_controllers_in_the_readme_is_what_info_tells() -> None:

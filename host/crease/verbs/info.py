@@ -10,6 +10,7 @@ from crease.base.errors import UsageError
 from crease.base.scene import open_scene
 from crease.base.units import format_length
 from crease.replay.cost import (
+    BOARD_LATE_MAX,
     BOARD_WORK,
     PERIOD_S,
     Beside,
@@ -144,9 +145,9 @@ def device_lines(cost: Cost) -> list[tuple[str, str]]:
             *lines,
             (
                 "tick",
-                f"searching itself: {cost.instructions:,} instructions for {cost.work} units of",
+                f"searching itself: {cost.instructions:,} instructions for {cost.work} units of work,",
             ),
-            ("", f"work, and one step more: {cost.step:,} at the deepest pose found, no bound"),
+            ("", f"and one step more: {cost.step:,} at the deepest pose found, no bound"),
             ("", _share(cost.largest_s)),
             ("", "--path tells what a path takes, with the search in the tick and beside it"),
         ]
@@ -172,7 +173,9 @@ def _share(time_s: float) -> str:
 
 
 def _late(along: Ticks | Beside) -> str:
-    return f"answers {along.late_mean:.1f} ticks late on average, {along.late_most} at most"
+    text = f"answers {along.late_mean:.1f} ticks late on average, {along.late_most} at most"
+    late = along.late_most > BOARD_LATE_MAX
+    return text + (f": TOO LATE, the boards fault beyond {BOARD_LATE_MAX}" if late else "")
 
 
 def _part(used: int, there: int, what: str) -> str:
