@@ -75,6 +75,8 @@ def make_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
     parser = Parser(
         prog="crease",
         description="Stable haptic contact between a rigid tool and a rigid mock-up.",
+        epilog="`crease VERB --help` tells what a verb takes. Lengths have a unit, such as 2mm. Exit status: 0 done, "
+        "1 an error, 2 a wrong command line, 130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=f"crease {VERSION}")
     sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)

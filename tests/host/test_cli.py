@@ -341,6 +341,19 @@ def test_bad_row_stops_the_replay_and_leaves_nothing(
     assert set(folder.iterdir()) == before
 
 
+def test_a_scene_in_the_place_of_a_path_is_told(folder: Path, scene_crs: Path, crease: Run) -> None:
+    said = crease("replay", scene_crs, scene_crs, "-o", folder / "none.csv")
+    assert_error(said, f"{scene_crs}: is no path and no table", "neither .csv nor .npz; give one")
+
+
+def test_a_table_of_scenes_that_is_missing_is_named(tmp_path: Path, crease: Run) -> None:
+    gone = tmp_path / "gone.toml"
+    said = crease("bench", "properties", "-o", tmp_path / "out", "--table", gone)
+    assert_error(
+        said, f"{gone}: is missing; run in a checkout, or name the table of scenes with --table"
+    )
+
+
 def test_force_limit_is_warned_of(
     folder: Path, scene_crs: Path, press_csv: Path, crease: Run
 ) -> None:

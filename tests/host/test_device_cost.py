@@ -291,6 +291,9 @@ def test_wrong_words_have_one_line(scene_crs: Path, press_csv: Path, crease: Run
     assert said.err == (
         f"error: --device: 'z80' is not known; use {known}; see `crease info --help`\n"
     )
-    said = crease("info", scene_crs, "--path", press_csv)
-    assert said.status == 2
-    assert "name it with --device" in said.err
+    for option in (("--path", press_csv), ("--work", "50")):
+        said = crease("info", scene_crs, *option)
+        assert said.status == 2
+        assert said.err.startswith(
+            f"error: {option[0]}: counts ticks for a controller; name it with --device;"
+        )

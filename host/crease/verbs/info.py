@@ -50,7 +50,6 @@ def add_parser(sub: SubParsers) -> None:
         "--work",
         metavar="N",
         type=whole_in(32, 1048576),
-        default=BOARD_WORK,
         help=f"with --device: lookups_max, the work of a tick that searches itself (default: {BOARD_WORK})",
     )
     parser.add_argument(
@@ -65,12 +64,14 @@ def add_parser(sub: SubParsers) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError when the file is not a valid image."""
-    if args.path is not None and args.device is None:
-        raise UsageError("--path: counts ticks for a controller; name it with --device")
+    for option, value in (("--path", args.path), ("--work", args.work)):
+        if value is not None and args.device is None:
+            raise UsageError(f"{option}: counts ticks for a controller; name it with --device")
     scene = open_scene(args.scene)
     info = scene.info()
     path = None if args.path is None else load_trajectory(args.path)
-    cost = None if args.device is None else cost_of(scene, args.device, args.work, path)
+    work = args.work or BOARD_WORK
+    cost = None if args.device is None else cost_of(scene, args.device, work, path)
     if args.json:
         print_json(info | ({} if cost is None else {"device": cost.report()}))
     else:
