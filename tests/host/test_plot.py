@@ -57,13 +57,15 @@ def test_several_tables_share_a_figure_with_their_names(
 def test_panels_hold_the_numbers_of_the_table(press_out: Path) -> None:
     table = read_table(press_out)
     axes = draw_ticks([table], ["press"]).axes
-    assert len(axes) == 5
+    assert len(axes) == 8
     torque_Nm = np.linalg.norm(torques_Nm(table), axis=1)
     assert torque_Nm.any()
     assert np.array_equal(axes[0].lines[0].get_ydata(), np.linalg.norm(forces_N(table), axis=1))
-    assert np.array_equal(axes[1].lines[0].get_ydata(), torque_Nm)
-    assert np.array_equal(axes[2].lines[0].get_ydata(), 1e3 * table["depth_m"])
-    assert np.array_equal(axes[4].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
+    for panel, force_N in zip(axes[1:4], forces_N(table).T, strict=True):
+        assert np.array_equal(panel.lines[0].get_ydata(), force_N)
+    assert np.array_equal(axes[4].lines[0].get_ydata(), torque_Nm)
+    assert np.array_equal(axes[5].lines[0].get_ydata(), 1e3 * table["depth_m"])
+    assert np.array_equal(axes[7].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
 
 
 def test_of_several_tables_each_component_has_a_panel_to_one_scale(press_out: Path) -> None:
@@ -149,7 +151,7 @@ def test_depth_of_a_held_tool_is_named_as_what_it_is(press_out: Path) -> None:
 
     def label(*tables: Table) -> str:
         axes = draw_ticks(tables, [str(i) for i in range(len(tables))]).axes
-        return axes[2 if len(tables) == 1 else 5].get_ylabel()
+        return axes[5].get_ylabel()
 
     assert label(free) == "depth, mm"
     assert label(held) == label(held, held) == "hand from the\nheld tool, mm"

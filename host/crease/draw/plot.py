@@ -19,7 +19,6 @@ Table = Mapping[str, npt.NDArray[Any]]
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555", "#000000")
 """Told apart by colour-blind readers too (Okabe, Ito)."""
 
-AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
 
 FORCE_FLOOR_N = 1e-3
 """Below this a force has no direction worth plotting."""
@@ -128,7 +127,7 @@ def save_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
 def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None = None) -> Figure:
     """Panels over time: force, torque, depth, direction change per tick, cost of a tick; one colour for each table.
 
-    Of several tables |F| and a panel for each component; turns that span decades have a logarithmic axis.
+    Of the force |F|, and each component in a panel of its own; turns that span decades have a logarithmic axis.
 
     Shapes: each table has the columns of `crease.replay.replay.ANSWER_COLUMNS`, of its own length; without those of the
     torque in any of them that panel is left out.
@@ -136,16 +135,13 @@ def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None 
     import matplotlib as mpl
 
     with_torque = all("tx_Nm" in table for table in tables)
-    heights = [2.0] if len(tables) == 1 else [1.5, 1.0, 1.0, 1.0]
+    heights = [1.5, 1.0, 1.0, 1.0]
     heights += [1.3] * (3 + with_torque)
     with mpl.rc_context(STYLE):
         figure = new_figure(9.0, 1.4 * sum(heights) + 1.2)
         panels = list(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
-        if len(tables) == 1:
-            _draw_force(panels.pop(0), tables[0])
-        else:
-            _draw_magnitudes(panels.pop(0), tables, names)
-            _draw_components([panels.pop(0) for _ in "xyz"], tables)
+        _draw_magnitudes(panels.pop(0), tables, names)
+        _draw_components([panels.pop(0) for _ in "xyz"], tables)
         if with_torque:
             _draw_torque(panels.pop(0), tables)
         _draw_depth(panels[0], tables)
@@ -158,16 +154,6 @@ def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None 
         alone = names[0] if len(names) == 1 else ""  # the legend names several
         figure.suptitle(plain(title or alone), fontsize=11, fontweight="bold", wrap=True)
     return figure
-
-
-def _draw_force(axes: Axes, table: Table) -> None:
-    force_N = forces_N(table)
-    axes.plot(table["t_s"], np.linalg.norm(force_N, axis=1), color="#222222", lw=1.8, label="|F|")
-    for k, axis in enumerate("xyz"):
-        axes.plot(table["t_s"], force_N[:, k], color=AXIS_COLOURS[k], label=f"F{axis}")
-    axes.set_ylabel("force, N")
-    at_least(axes, FORCE_SPAN_N)
-    legend_beside(axes)
 
 
 def at_least(axes: Axes, span: float) -> None:
@@ -201,7 +187,8 @@ def _draw_magnitudes(axes: Axes, tables: Sequence[Table], names: Sequence[str]) 
         axes.plot(table["t_s"], np.linalg.norm(forces_N(table), axis=1), label=plain(name), **pen)
     axes.set_ylabel("|F|, N")
     at_least(axes, FORCE_SPAN_N)
-    legend_beside(axes)
+    if len(tables) > 1:
+        legend_beside(axes)
 
 
 def _draw_components(panels: Sequence[Axes], tables: Sequence[Table]) -> None:
