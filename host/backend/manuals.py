@@ -74,7 +74,9 @@ def crease_page() -> str:
             *options(inner),
         ]
     lines += [
-        ".SH EXIT STATUS", "0 done; 1 with one line that says what, where and the mend; 2 for a wrong command line.",
+        ".SH EXIT STATUS",
+        "0 done; 1 with one line that says what, where and the mend; 2 with such a line for a wrong command line; "
+        "130 after an interrupt, which leaves nothing half done.",
         ".SH SEE ALSO", ".BR crease (3),", ".BR creased (8)",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"

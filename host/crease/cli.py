@@ -1,17 +1,20 @@
 """The command `crease`: one module of crease.verbs for each verb.
 
-Exit status: 0 done; 1 with one line `error: ...` on stderr; 2 for a wrong command line.
+Exit status: 0 done; 1 with one line `error: ...` on stderr; 2 the same for a wrong command line; an interrupt ends the
+process as its signal does, 130 to a shell.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any, NoReturn
 
-from crease.base.errors import CreaseError
+from crease.base.errors import CreaseError, UsageError
 from crease.base.settings import command_line
 from crease.base.version import VERSION
 
@@ -22,11 +25,58 @@ VERBS = (
 """In the order of the work: what `crease --help` lists."""
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong in one line, as every error is said, and where to read on."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As ever; a verb refuses by itself what it does not know, and so names itself and not `crease`."""
+        known, rest = super().parse_known_args(args, namespace)
+        if rest and self._subparsers is None:
+            self.error(self._unknown(rest))
+        return known, rest
+
+    def error(self, message: str) -> NoReturn:
+        """Ends with status 2."""
+        print(f"error: {_plain(message)}; see `{self.prog} --help`", file=sys.stderr)
+        raise SystemExit(2)
+
+    def _unknown(self, words: list[str]) -> str:
+        from difflib import get_close_matches
+
+        word = words[0]
+        if not word.startswith("-"):
+            return f"'{word}' is one argument too many"
+        near = get_close_matches(word.split("=")[0], list(self._option_string_actions), 1)
+        return f"there is no option {word}" + (f", perhaps {near[0]}" if near else "")
+
+
+_MISSING = "the following arguments are required: "
+
+
+def _plain(message: str) -> str:
+    """What argparse says, in the words of this program."""
+    if message.startswith(_MISSING):
+        names = message.removeprefix(_MISSING).split(", ")
+        short = ", ".join(name.split("/")[0] for name in names)
+        return f"{short} {'is' if len(names) == 1 else 'are'} missing"
+    message = message.removeprefix("argument ")
+    if message.startswith("VERB: invalid choice: "):
+        word = message.split("'")[1]
+        return f"there is no verb '{word}'; the verbs are {', '.join(VERBS)}"
+    what, _, known = message.removesuffix(")").partition(" (choose from ")
+    if known:
+        known = known.replace("'", "")
+        return f"{what.replace('invalid choice: ', '')} is not known; use {known}"
+    return message
+
+
 def make_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
     """The parser of the whole command line, or of some verbs: what the others need is not loaded."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="crease",
         description="Stable haptic contact between a rigid tool and a rigid mock-up.",
+        epilog="`crease VERB --help` tells what a verb takes. Lengths have a unit, such as 2mm. Exit status: 0 done, "
+        "1 an error, 2 a wrong command line, 130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=f"crease {VERSION}")
     sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
@@ -50,6 +100,9 @@ def run_line(
         with command_line():
             args.run(args)
             sys.stdout.flush()
+    except UsageError as error:
+        print(f"error: {error}; see `crease {words[0]} --help`", file=sys.stderr)
+        return 2
     except CreaseError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -73,4 +126,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         return run_line(argv)
     except KeyboardInterrupt:
         print("error: interrupted", file=sys.stderr)
-        return 1
+        return 128 + signal.SIGINT

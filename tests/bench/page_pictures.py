@@ -19,12 +19,13 @@ import matplotlib as mpl
 import numpy as np
 from bench import MESHES, ROOT, SCENES
 from browser import Page
-from crease.draw.plot import AXIS_COLOURS, COLOURS, STYLE, new_figure, save_figure
+from crease.draw.plot import COLOURS, STYLE, new_figure, save_figure
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 SCENE = SCENES / "edge90_cube.crs"
 PATH = MESHES / "edge90_cube.csv"
+AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
 
 
 def crease(*words: object) -> None:

@@ -105,6 +105,22 @@ def test_the_size_that_a_refusal_names_fits(
     said = crease(*args, "--spacing", "0.2mm")
     named = said.err.split("; use ")[1].removesuffix(" or more\n")
     assert crease(*args, "--spacing", named, "--voxel", "5mm").status == 0
+    coarse = [*args, "--spacing", "2mm", "--force"]
+    for voxel in ("1um", "0.2mm"):  # the whole grid, and its bricks near the surface
+        said = crease(*coarse, "--voxel", voxel)
+        assert f"--voxel {voxel.replace('0.2mm', '200um')} makes " in said.err
+        named = said.err.split("; use ")[1].removesuffix(" or more\n")
+        said = crease(*coarse, "--voxel", named)
+        assert said.status == 0, said.err
+    for option, value in (("--spacing", "1m"), ("--voxel", "1m")):
+        said = crease(*coarse, option, value)
+        named = said.err.split("such as ")[1].removesuffix(", the default\n")
+        assert crease(*coarse, option, named, "--memory-max", "2GiB").status == 0
+    small = [*coarse[:-3], "--image-max", "60KiB", "--force", "--memory-max", "2GiB"]
+    said = crease(*small)
+    assert "the shell of the tool alone takes " in said.err
+    named = said.err.split("such as ")[1].removesuffix("\n")
+    assert crease(*small, "--spacing", named).status == 0
 
 
 @pytest.mark.slow
@@ -195,7 +211,7 @@ def test_a_bake_that_is_interrupted_leaves_nothing(
     time.sleep(1.0)  # amid a bake
     child.send_signal(number)
     said = child.communicate(timeout=120)[1]
-    assert (child.returncode, said) == (1, b"error: interrupted\n")
+    assert (child.returncode, said) == (-number, b"error: interrupted\n")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -112,12 +112,27 @@ def test_a_file_that_cannot_be_read_is_told_after_the_others(
         said = crease("check", *order, "--unit", "mm")
         assert said.status == 1
         assert f"{plate}: 12 triangles" in said.out
-        assert "1 of 2 would be refused" in said.err
+        assert "1 of 2 cannot be read" in said.err
         assert f"{bad}: is cut off" in said.err
         assert said.err.count("error: ") == 1
     said = crease("check", plate, bad, "--unit", "mm", "--json")
     assert said.status == 1
     assert [one["triangles"] for one in said.json["meshes"]] == [12]
+
+
+def test_every_file_that_cannot_be_read_is_listed_where_it_stands(
+    tmp_path: Path, plate: Path, crease: Run
+) -> None:
+    gone, bad, picture = tmp_path / "gone.stl", tmp_path / "bad.xyz", tmp_path / "found.png"
+    bad.write_text("junk")
+    said = crease("check", gone, plate, bad, "--unit", "mm", "-o", picture)
+    heads = [line.split()[:2] for line in said.out.splitlines() if line[:6] in ("unread", "mesh  ")]
+    assert heads == [["unread", f"{gone}:"], ["mesh", f"{plate}:"], ["unread", f"{bad}:"]]
+    assert said.status == 1
+    assert said.err.startswith(f"error: 2 of 3 cannot be read; {gone}: ")
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+    report = crease("check", gone, plate, bad, "--unit", "mm", "--json").json
+    assert [text.split(": ")[0] for text in report["unread"]] == [str(gone), str(bad)]
 
 
 def test_noise_is_told_as_a_bake_tells_it(tmp_path: Path, crease: Run) -> None:

@@ -14,7 +14,9 @@ import trimesh
 from crease import __version__
 from crease.base.native import lib
 from crease.base.progress import Progress
+from crease.mesh.mesh import load_mesh
 from crease.verbs import info
+from crease.verbs.bake import unit_warning
 from host_tools import Run, Said
 
 
@@ -73,7 +75,30 @@ def test_help_of_every_verb(crease: Run, verb: str) -> None:
 def test_wrong_command_line_exits_2(crease: Run, line: str) -> None:
     said = crease(*line.split())
     assert said.status == 2
-    assert "usage: crease" in said.err
+    verb = " ".join(line.split()[:1]) if line.split()[:1] != ["fly"] else ""
+    assert re.fullmatch(rf"error: .*; see `{f'crease {verb}'.strip()} --help`\n", said.err)
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("bake a.stl", "TOOL, -o, --unit are missing"),
+        ("check a.stl", "--unit is missing"),
+        ("fly", "there is no verb 'fly'; the verbs are check, bake, info,"),
+        ("info a.crs --devise x", "there is no option --devise, perhaps --device"),
+        ("info a.crs b.crs", "'b.crs' is one argument too many"),
+        ("replay a.crs b.csv -o c.csv --stiffness=-3", "--stiffness: -3 is not in 0..1e+06"),
+        ("experiment al -o D", "NAME: 'al' is not known; use penetration, timing, "),
+        ("replay a.crs b.csv -o c.csv --friction 1", "--friction is of a held tool; give --couple"),
+    ],
+)
+def test_what_is_wrong_with_a_command_line_is_one_line_with_the_mend(
+    crease: Run, line: str, text: str
+) -> None:
+    said = crease(*line.split())
+    assert (said.status, said.out) == (2, "")
+    assert said.err.startswith(f"error: {text}")
+    assert said.err.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -138,6 +163,38 @@ def test_tool_may_have_a_unit_of_its_own(folder: Path, block_stl: Path, crease: 
     report = crease("bake", block_stl, tool, "-o", folder / "cm.crs", *args).json
     assert report["tool"]["max_m"] == pytest.approx([0.01] * 3, rel=1e-3)
     assert report["static"]["max_m"] == pytest.approx([0.04, 0.04, 0.0])
+
+
+@pytest.mark.slow
+def test_bake_warns_of_a_tool_in_another_unit(
+    folder: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    sizes = ("--unit", "mm", "--tool-unit", "in", "--voxel", "8mm", "--spacing", "80mm")
+    said = crease("bake", block_stl, ball_stl, *sizes, "-o", folder / "units.crs", "--json")
+    assert said.status == 0
+    (text, *_) = said.json["warnings"]
+    assert text == (
+        f"{ball_stl}: the tool is 508 mm long, 6 times as long as the mock-up, 80 mm; if that is wrong, give its unit "
+        "with --tool-unit, the mock-up's with --unit"
+    )
+    assert said.err.startswith(f"warning: {text}\n")
+
+
+@pytest.mark.parametrize(
+    ("static_m", "tool_m", "told"),
+    [
+        (1e-3, 1e-3, ""),
+        (1e-3, 1e-2, ""),
+        (1e-3, 2.1e-2, "the tool is 420 mm long, 5 times as long as the mock-up, 80 mm; "),
+        (2.4e-2, 1e-3, ""),
+        (2.6e-2, 1e-3, "the tool is 20 mm long, 104 times as short as the mock-up, 2.08 m; "),
+    ],
+)
+def test_a_tool_is_warned_of_from_5_times_to_a_hundredth_of_the_mock_up(
+    block_stl: Path, ball_stl: Path, static_m: float, tool_m: float, told: str
+) -> None:
+    lines = unit_warning(load_mesh(block_stl, static_m), load_mesh(ball_stl, tool_m))
+    assert [told in line for line in lines] == [True] * bool(told)
 
 
 @pytest.mark.slow
@@ -284,6 +341,19 @@ def test_bad_row_stops_the_replay_and_leaves_nothing(
     assert set(folder.iterdir()) == before
 
 
+def test_a_scene_in_the_place_of_a_path_is_told(folder: Path, scene_crs: Path, crease: Run) -> None:
+    said = crease("replay", scene_crs, scene_crs, "-o", folder / "none.csv")
+    assert_error(said, f"{scene_crs}: is no path and no table", "neither .csv nor .npz; give one")
+
+
+def test_a_table_of_scenes_that_is_missing_is_named(tmp_path: Path, crease: Run) -> None:
+    gone = tmp_path / "gone.toml"
+    said = crease("bench", "properties", "-o", tmp_path / "out", "--table", gone)
+    assert_error(
+        said, f"{gone}: is missing; run in a checkout, or name the table of scenes with --table"
+    )
+
+
 def test_force_limit_is_warned_of(
     folder: Path, scene_crs: Path, press_csv: Path, crease: Run
 ) -> None:
@@ -400,7 +470,7 @@ def test_interrupt_is_one_line(crease: Run, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(info, "run", interrupted)
     said = crease("info", "any.crs")
-    assert (said.status, said.err) == (1, "error: interrupted\n")
+    assert (said.status, said.err) == (130, "error: interrupted\n")
 
 
 def test_interrupt_while_modules_load_is_one_line() -> None:
@@ -411,7 +481,7 @@ def test_interrupt_while_modules_load_is_one_line() -> None:
         pass
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
-    assert (child.returncode, out, err) == (1, b"", b"error: interrupted\n")
+    assert (child.returncode, out, err) == (-signal.SIGINT, b"", b"error: interrupted\n")
 
 
 def test_a_full_disk_under_the_output_is_one_line(ball_stl: Path) -> None:

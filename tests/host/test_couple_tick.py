@@ -224,9 +224,9 @@ def test_replay_couple_writes_the_held_tool(
         (["--couple", "--force-max", "1"], "--couple has no --force-max"),
         (["--couple", "--response", "extent"], "no response but its own"),
     ):
-        assert main([*line, *more]) == 1
+        assert main([*line, *more]) == 2
         assert text in capsys.readouterr().err
-    assert main([*line[:4], str(tmp_path / "o.mcap"), "--couple"]) == 1
+    assert main([*line[:4], str(tmp_path / "o.mcap"), "--couple"]) == 2
     assert "--couple runs a path" in capsys.readouterr().err
 
 

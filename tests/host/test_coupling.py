@@ -126,7 +126,7 @@ def test_the_command_ties_the_springs_where_it_is_told(
     )
     assert np.array_equal(table["ty_Nm"], known["torque_Nm"][:, 1])
     assert known["torque_Nm"][:, 1].any()
-    assert main([*line[:-1], "-o", str(tmp_path / "o.csv"), "--centre", "0,0,1mm"]) == 1
+    assert main([*line[:-1], "-o", str(tmp_path / "o.csv"), "--centre", "0,0,1mm"]) == 2
     assert "--centre is of a held tool; give --couple too" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main([*line, "-o", str(tmp_path / "o.csv"), "--centre", "1,2"])

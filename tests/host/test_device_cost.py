@@ -13,6 +13,7 @@ from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
 from crease.base.units import parse_size
 from crease.replay.cost import (
+    BOARD_LATE_MAX,
     BOARD_WORK,
     PERIOD_S,
     beside_ticks,
@@ -202,6 +203,18 @@ def controller_rows() -> list[list[str]]:
     return rows
 
 
+@pytest.mark.slow
+def test_answers_later_than_the_boards_bear_are_told(crease: Run) -> None:
+    board = (ROOT / "firmware/port/cortex-m7/board.h").read_text("utf-8")
+    assert f"#define BOARD_LATE_MAX_TICKS {BOARD_LATE_MAX}u" in board
+    scene, path = (
+        ROOT / "build" / name for name in ("scenes/edge90_cube.crs", "meshes/edge90_cube.csv")
+    )
+    for device, too_late in (("mps3-an547", 1), ("stm32h743", 0)):
+        said = crease("info", scene, "--device", device, "--path", path)
+        assert said.out.count("TOO LATE, the boards fault beyond 50") == too_late
+
+
 def test_table_of_controllers_in_the_readme_is_what_info_tells() -> None:
     text = (ROOT / "README.md").read_text("utf-8")
     (table,) = re.findall(r"<!-- devices: begin -->\n(.*?)<!-- devices: end -->", text, re.DOTALL)
@@ -273,8 +286,14 @@ def test_found_poses_take_no_more_than_is_told(crease: Run) -> None:
 
 def test_wrong_words_have_one_line(scene_crs: Path, press_csv: Path, crease: Run) -> None:
     said = crease("info", scene_crs, "--device", "z80")
-    assert said.status == 1
-    assert said.err == f"error: device 'z80' is not known; use {', '.join(device_names())}\n"
-    said = crease("info", scene_crs, "--path", press_csv)
-    assert said.status == 1
-    assert "name it with --device" in said.err
+    assert said.status == 2
+    known = ", ".join(device_names())
+    assert said.err == (
+        f"error: --device: 'z80' is not known; use {known}; see `crease info --help`\n"
+    )
+    for option in (("--path", press_csv), ("--work", "50")):
+        said = crease("info", scene_crs, *option)
+        assert said.status == 2
+        assert said.err.startswith(
+            f"error: {option[0]}: counts ticks for a controller; name it with --device;"
+        )

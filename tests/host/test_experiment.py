@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import re
+import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from crease.base.table import read_table
 from crease.lab.direction import felt_radius_mm, wedge_path
 from crease.lab.exact import exact_path, make_solids
 from crease.lab.report import make_report, text_table
-from crease.lab.run import NAMES, run_experiment
+from crease.lab.run import NAMES, missing_inputs, run_experiment
 from crease.lab.setup import Result, Setup, Table
 from crease.lab.slender import edge_path
 from crease.lab.timing import time_phases
@@ -234,9 +236,7 @@ def test_report_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
 def test_command_line_says_what_is_wrong(crease: Run, tmp_path: Path) -> None:
     said = crease("experiment", "penetration", "-o", tmp_path / "out", "--meshes", tmp_path)
     assert said.status == 1
-    assert (
-        "block45k.stl: is missing; run `make meshes`" in said.err or "edge90_cube.csv" in said.err
-    )
+    assert "edge90_cube.csv: is missing, and 6 more; run `make meshes`" in said.err
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     said = crease("experiment", "timing", "-o", tmp_path / "full")
@@ -244,6 +244,52 @@ def test_command_line_says_what_is_wrong(crease: Run, tmp_path: Path) -> None:
     assert "holds files already" in said.err
     assert crease("experiment", "magic", "-o", tmp_path / "x").status == 2
     assert crease("experiment", "timing", "-o", tmp_path / "x", "--every", "0").status == 2
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_experiment_says_beforehand_what_it_reads(name: str, tmp_path: Path) -> None:
+    assert missing_inputs([name], MESHES) == []
+    named = missing_inputs([name], tmp_path)
+    module = sys.modules[f"crease.lab.{name.replace('-', '_')}"]
+    source = Path(str(module.__file__)).read_text("utf-8")
+    for call in re.findall(r'\.(?:mesh|path|scene)\("([\w.]+)"', source):
+        assert call in {path.name.removesuffix(path.suffix) for path in named}
+
+
+def test_all_inputs_are_checked_before_the_first_experiment(
+    crease: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    some = tmp_path / "some"
+    shutil.copytree(MESHES, some, symlinks=True)
+    (some / "peg.stl").unlink()
+    monkeypatch.setattr("crease.verbs.experiment.run_experiment", None)
+    said = crease("experiment", "all", "-o", tmp_path / "out", "--meshes", some)
+    assert said.status == 1
+    assert said.err == (
+        f"error: {some / 'peg.stl'}: is missing; run `make meshes`, or name the folder with --meshes\n"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_one_experiment_that_fails_leaves_a_page_of_the_others(
+    crease: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(name: str, _setup: Setup) -> Result:
+        if name == "zones":
+            raise CreaseError("u_tool.stl: is no mesh")
+        return Result(name, f"Title of {name}", "About.")
+
+    monkeypatch.setattr("crease.verbs.experiment.run_experiment", run)
+    said = crease("experiment", "all", "-o", tmp_path / "out", "--meshes", MESHES)
+    page = tmp_path / "out" / "report.html"
+    assert said.status == 1
+    assert said.err.splitlines() == [
+        "warning: zones failed: u_tool.stl: is no mesh",
+        f"error: {page}: is without zones, which failed",
+    ]
+    text = page.read_text("utf-8")
+    assert "<li>zones: failed: u_tool.stl: is no mesh</li>" in text
+    assert all(f"Title of {name}<" in text for name in NAMES if name != "zones")
 
 
 @pytest.mark.slow

@@ -239,6 +239,23 @@ def test_what_cannot_be_exported_is_refused(
     assert [p.name for p in tmp_path.iterdir()] == (["in.csv"] if text is not None else [])
 
 
+def test_the_suffix_of_the_output_says_the_format(
+    press_out: Path, tmp_path: Path, crease: Run
+) -> None:
+    for name in ("a.npz", "b.CSV"):
+        assert crease("export", press_out, "-o", tmp_path / name).status == 0
+    assert crease("export", press_out, "--to", "npz", "-o", tmp_path / "c.npz").status == 0
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
+    assert (tmp_path / "b.CSV").read_text("utf-8").startswith("t_s,")
+    said = crease("export", press_out, "-o", tmp_path / "d.xls")
+    assert (said.status, "is not one of .mcap, .csv, .npz, .parquet" in said.err) == (1, True)
+    said = crease("export", press_out)
+    assert (said.status, said.err) == (
+        2,
+        "error: export to what? give -o OUT with its suffix, or --to; see `crease export --help`\n",
+    )
+
+
 def test_another_kind_of_file_is_told_the_kinds_it_takes(tmp_path: Path, crease: Run) -> None:
     other = tmp_path / "passwd"
     other.write_text("root", encoding="ascii")

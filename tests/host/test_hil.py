@@ -241,7 +241,7 @@ def test_plot_of_a_run_holds_commanded_and_felt_force_energy_timing_and_state(
         figure = folder / f"loop_{name}.png"
         said = crease("plot", table, "-o", figure)
         assert (said.status, said.out) == (0, f"{figure}\n")
-    assert crease("plot", run_crr, folder / "run.csv", "-o", folder / "two.png").status == 1
+    assert crease("plot", run_crr, folder / "run.csv", "-o", folder / "two.png").status == 2
 
 
 def test_force_of_the_motors_follows_the_commanded_one_two_ticks_later(run_crr: Path) -> None:

@@ -57,13 +57,58 @@ def test_several_tables_share_a_figure_with_their_names(
 def test_panels_hold_the_numbers_of_the_table(press_out: Path) -> None:
     table = read_table(press_out)
     axes = draw_ticks([table], ["press"]).axes
-    assert len(axes) == 5
+    assert len(axes) == 8
     torque_Nm = np.linalg.norm(torques_Nm(table), axis=1)
     assert torque_Nm.any()
     assert np.array_equal(axes[0].lines[0].get_ydata(), np.linalg.norm(forces_N(table), axis=1))
-    assert np.array_equal(axes[1].lines[0].get_ydata(), torque_Nm)
-    assert np.array_equal(axes[2].lines[0].get_ydata(), 1e3 * table["depth_m"])
-    assert np.array_equal(axes[4].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
+    for panel, force_N in zip(axes[1:4], forces_N(table).T, strict=True):
+        assert np.array_equal(panel.lines[0].get_ydata(), force_N)
+    assert np.array_equal(axes[4].lines[0].get_ydata(), torque_Nm)
+    assert np.array_equal(axes[5].lines[0].get_ydata(), 1e3 * table["depth_m"])
+    assert np.array_equal(axes[7].lines[0].get_ydata(), 1e-3 * table["tick_ns"])
+
+
+def test_of_several_tables_each_component_has_a_panel_to_one_scale(press_out: Path) -> None:
+    table = read_table(press_out)
+    pushed = {**table, "fx_N": table["fz_N"] + 3.0}
+    axes = draw_ticks([table, pushed], ["one", "two"]).axes
+    assert [panel.get_ylabel() for panel in axes[:4]] == ["|F|, N", "Fx, N", "Fy, N", "Fz, N"]
+    for panel, name in zip(axes[1:4], "xyz", strict=True):
+        drawn = [np.asarray(line.get_ydata()) for line in panel.lines]
+        assert np.array_equal(drawn, [table[f"f{name}_N"], pushed[f"f{name}_N"]])
+        assert panel.get_ylim() == axes[1].get_ylim()
+    low, high = axes[1].get_ylim()
+    assert low < 0.0
+    assert high > pushed["fx_N"].max()
+
+
+def test_rounding_does_not_fill_a_panel(press_out: Path) -> None:
+    noise = 1e-9 * np.random.default_rng(1).random(len(read_table(press_out)["t_s"]))
+    table = {**read_table(press_out), "depth_m": noise}
+    table |= {f"f{axis}_N": noise for axis in "xyz"} | {f"t{axis}_Nm": noise for axis in "xyz"}
+    table["fz_N"] = 2.0 + noise
+    for tables in ([table], [table, table]):
+        for panel in draw_ticks(tables, ["a", "b"][: len(tables)]).axes[:-1]:
+            low, high = panel.get_ylim()
+            for line in panel.lines:
+                drawn = np.asarray(line.get_ydata(), dtype=np.float64)
+                assert np.nanmin(drawn) >= low
+                assert np.nanmax(drawn) <= high
+                assert np.nanmax(drawn) - np.nanmin(drawn) < 1e-3 * (high - low)
+
+
+def test_turns_that_span_decades_have_an_axis_of_decades(press_out: Path) -> None:
+    smooth = read_table(press_out)
+    at = np.arange(len(smooth["t_s"]))
+    slow = np.radians(0.02 * at)
+    smooth |= {"fx_N": np.sin(slow), "fy_N": 0.0 * slow, "fz_N": np.cos(slow)}
+    turned = slow + np.radians(45.0) * (at > 100)
+    jump = {**smooth, "fx_N": np.sin(turned), "fz_N": np.cos(turned)}
+    for table, scale in ((smooth, "linear"), (jump, "log")):
+        (panel,) = (p for p in draw_ticks([table], ["a"]).axes if "deg" in p.get_ylabel())
+        assert panel.get_yscale() == scale
+        low, high = panel.get_ylim()
+        assert low < 0.02 < np.nanmax(turn_deg(forces_N(table))) < high
 
 
 def test_table_without_torque_has_no_panel_for_it(press_out: Path) -> None:
@@ -106,7 +151,7 @@ def test_depth_of_a_held_tool_is_named_as_what_it_is(press_out: Path) -> None:
 
     def label(*tables: Table) -> str:
         axes = draw_ticks(tables, [str(i) for i in range(len(tables))]).axes
-        return axes[2 if len(tables) == 1 else 3].get_ylabel()
+        return axes[5].get_ylabel()
 
     assert label(free) == "depth, mm"
     assert label(held) == label(held, held) == "hand from the\nheld tool, mm"
@@ -122,7 +167,7 @@ def test_table_of_another_kind_is_refused(folder: Path, press_csv: Path, crease:
 
 def test_too_many_tables_are_refused(folder: Path, press_out: Path, crease: Run) -> None:
     said = crease("plot", *[press_out] * 9, "-o", folder / "no.png")
-    assert (said.status, said.err.count("\n")) == (1, 1)
+    assert (said.status, said.err.count("\n")) == (2, 1)
 
 
 @given(st.floats(0.0, 179.0), st.floats(0.01, 100.0))

@@ -361,8 +361,8 @@ def test_options_of_the_loop_that_runs_are_refused_without_it(
     ):
         said = crease(*line, *option)
         assert (said.status, said.err) == (
-            1,
-            f"error: {option[0]} is of the loop while it runs; give --live too\n",
+            2,
+            f"error: {option[0]} is of the loop while it runs; give --live too; see `crease view --help`\n",
         )
     assert not (tmp_path / "page.html").exists()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,9 +14,8 @@ import numpy.typing as npt
 
 from crease.bake.distance_errors import measure_errors
 from crease.bake.estimate import foresee_features, foresee_shell, foresee_voxmap
-from crease.bake.grid import grid_cells
 from crease.bake.layout import EDGE, META, PAIR, pack
-from crease.bake.limits import check_grid, check_spacing
+from crease.bake.limits import check_grid, check_spacing, up_to_two_digits
 from crease.bake.shell import Shell, make_shell
 from crease.bake.surface import Surface, flatten, join_narrow, make_surface
 from crease.bake.voxmap import Voxmap, make_voxmap
@@ -119,8 +119,11 @@ def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
     ):
         span = float(np.ptp(mesh.vertices_m, axis=0).max())
         if value > span:
+            usual = default_spacing_m(tool)
+            usual = usual if body == "tool" else default_voxel_m(static, usual)
             raise MeshError(
-                f"{setting(name, value)} is larger than the {body} ({format_length(span)}): use a smaller one"
+                f"{setting(name, value)} is larger than the {body} ({format_length(span)}): use a smaller one, such as "
+                f"{format_length(usual)}, the default"
             )
     return _sizes_at(voxel, spacing, options)
 
@@ -257,7 +260,7 @@ def bake_scene(
     memory_max = options.memory_max_bytes or default_memory_max()
     sizes = _sizes(options, static, tool)
     check_spacing(tool, sizes.spacing_m, memory_max)
-    check_grid(static, sizes.voxel_m, grid_cells(static, sizes.voxel_m), memory_max)
+    check_grid(static, sizes.voxel_m, NEAR_SHARE * sizes.spacing_m, memory_max)
     foresee_features(work, static, tool)
     work.begin("features")
     told = make_surface(static, options.crease_angle_deg)
@@ -321,9 +324,9 @@ def _fitting_voxmap(
     if room is not None and 1.05 * shell_bytes > room:
         raise MeshError(
             f"the shell of the tool alone takes {format_size(shell_bytes)} of {setting('image_max_bytes', room)}; "
-            f"use a larger {setting('spacing_m')}"
+            f"{_spacing_mend(sizes.spacing_m, shell_bytes, room)}"
         )
-    widest, tried = sizes, sizes
+    widest, tried, least = sizes, sizes, sys.maxsize
     for attempt in range(TRIES_MAX):
         near_m = max(0.55 * shell.h_max_m, 0.5 * tried.voxel_m)
         if attempt > 0 and work.heard:
@@ -341,6 +344,7 @@ def _fitting_voxmap(
             voxmap.top, voxmap.bricks, voxmap.samples, voxmap.cells, voxmap.kinds, voxmap.facets
         )
         rest += 40 * len(surface.creases.convex) + 4096
+        least = min(least, shell_bytes + rest)
         if room is None or shell_bytes + rest <= room:
             said = (
                 f"{setting('image_max_bytes', room or 0)}: voxels of {format_length(tried.voxel_m)} "
@@ -356,8 +360,15 @@ def _fitting_voxmap(
         grow = math.sqrt(max(1.1, rest / (room - shell_bytes)))
         tried = _sizes_at(_rounded(1.05 * widest.voxel_m * grow), sizes.spacing_m, options)
     raise MeshError(
-        f"the image does not get below {setting('image_max_bytes', room or 0)}; use a larger {setting('spacing_m')}"
+        f"the image does not get below {format_size(least)}, more than {setting('image_max_bytes', room or 0)}; allow "
+        f"that much, or {_spacing_mend(sizes.spacing_m, shell_bytes, room or 1)}"
     )
+
+
+def _spacing_mend(spacing_m: float, shell_bytes: int, room: int) -> str:
+    """The spacing at which the shell, were its size as the number of samples, took a quarter of the image."""
+    fits_m = spacing_m * max(math.sqrt(4.0 * shell_bytes / room), 1.1)
+    return f"use a larger {setting('spacing_m')}, such as {format_length(up_to_two_digits(fits_m))}"
 
 
 def _bytes_of(*parts: npt.NDArray[Any]) -> int:

@@ -7,10 +7,12 @@ import math
 import numpy as np
 
 from crease.bake.cells import DENSE_PER_SAMPLE
+from crease.bake.grid import GRID_MAX, grid_cells
+from crease.bake.layout import CELLS_SIDE
 from crease.base.errors import MeshError
 from crease.base.settings import setting
 from crease.base.units import format_length, format_size
-from crease.mesh.mesh import Mesh
+from crease.mesh.mesh import SIZE_MAX_M, Mesh
 from crease.mesh.topology import areas_m2
 
 SAMPLE_BYTES = 600
@@ -22,6 +24,10 @@ BRICK_BYTES = 24_000
 """Peak memory for each brick near the surface: 729 distances and facets, 512 cells, a share of finer samples."""
 GRID_BYTES = 40
 """Peak memory for each brick of the whole grid: flags, the distance transform and the top level."""
+BRICKS_MAX = 1_000_000
+"""Near the surface, of any image."""
+MARGIN = 1.25
+"""A mend is for so many times the bricks that are reckoned: it must not be refused in its turn."""
 BASE_BYTES = 300_000_000
 """Interpreter, libraries and both meshes."""
 
@@ -46,38 +52,70 @@ def check_spacing(tool: Mesh, spacing_m: float, memory_max: int) -> None:
         )
 
 
-def check_grid(static: Mesh, voxel_m: float, cells: float, memory_max: int) -> None:
-    """Errors: MeshError when the grid alone takes too much memory. cells: bricks of the whole grid."""
+def check_grid(static: Mesh, voxel_m: float, near_m: float, memory_max: int) -> None:
+    """Errors: MeshError when the grid alone takes too much memory, or has more bricks than any may.
+
+    near_m: distance up to which samples are covered, where half a voxel is less.
+    """
+    cells = grid_cells(static, voxel_m)
     needs = BASE_BYTES + GRID_BYTES * cells
-    if needs > memory_max:
-        fits_m = voxel_m * (GRID_BYTES * cells / max(memory_max - BASE_BYTES, 1e6)) ** (1 / 3)
+    if needs > memory_max or cells > GRID_MAX:
+        fits_m = _least_voxel_m(static, voxel_m, near_m, memory_max)
         raise MeshError(
             f"{static.source}: {setting('voxel_m', voxel_m)} makes a grid of {cells:,.0f} bricks and takes about "
-            f"{format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
-            f"{_mend(fits_m, memory_max)}"
+            f"{format_size(needs)}, more than {_room(needs, memory_max, GRID_MAX)}; {_mend(fits_m, memory_max)}"
         )
 
 
-def check_bricks(static: Mesh, voxel_m: float, bricks: int, cells: float, memory_max: int) -> None:
-    """Errors: MeshError when the bricks near the surface take too much memory."""
+def check_bricks(
+    static: Mesh, voxel_m: float, near_m: float, bricks: int, cells: float, memory_max: int
+) -> None:
+    """Errors: MeshError when the bricks near the surface take too much memory, or are more than any image has."""
     needs = BASE_BYTES + GRID_BYTES * cells + BRICK_BYTES * bricks
-    if needs > memory_max:
-        fits_m = voxel_m * math.sqrt(needs / max(memory_max - BASE_BYTES, 1e6))
+    if needs > memory_max or bricks > BRICKS_MAX:
+        share = bricks / _bricks(static, voxel_m, near_m)
+        fits_m = _least_voxel_m(static, voxel_m, near_m, memory_max, share)
         raise MeshError(
             f"{static.source}: {setting('voxel_m', voxel_m)} makes {bricks:,} bricks near the surface and takes "
-            f"about {format_size(needs)}, more than {setting('memory_max_bytes', memory_max)}; "
-            f"{_mend(fits_m, memory_max)}"
+            f"about {format_size(needs)}, more than {_room(needs, memory_max, BRICKS_MAX)}; {_mend(fits_m, memory_max)}"
         )
+
+
+def _room(needs: float, memory_max: int, bricks_max: int) -> str:
+    return (
+        setting("memory_max_bytes", memory_max) if needs > memory_max else f"{bricks_max:,} bricks"
+    )
+
+
+def _bricks(static: Mesh, voxel_m: float, near_m: float) -> float:
+    """About how many bricks lie near the surface: those that a layer of near_m on both sides meets."""
+    area_m2 = float(areas_m2(static.vertices_m, static.triangles).sum())
+    brick_m = CELLS_SIDE * voxel_m
+    return area_m2 * (2.0 * max(near_m, 0.5 * voxel_m) + 1.5 * brick_m) / brick_m**3
+
+
+def _least_voxel_m(
+    static: Mesh, voxel_m: float, near_m: float, memory_max: int, share: float = 1.0
+) -> float:
+    """The voxel from which on grid and bricks fit. share: bricks that were counted over those of `_bricks`."""
+    share *= MARGIN
+    while voxel_m < SIZE_MAX_M:
+        voxel_m *= 1.02
+        cells, bricks = grid_cells(static, voxel_m), share * _bricks(static, voxel_m, near_m)
+        needs = BASE_BYTES + GRID_BYTES * cells + BRICK_BYTES * bricks
+        if needs <= memory_max and cells <= GRID_MAX and bricks <= BRICKS_MAX:
+            break
+    return voxel_m
 
 
 def _mend(fits_m: float, memory_max: int) -> str:
     """What to do: the length from which on it fits, or more memory where none does."""
     if memory_max <= BASE_BYTES:
         return f"any bake takes over {format_size(BASE_BYTES)}; allow more"
-    return f"use {format_length(_up(fits_m))} or more"
+    return f"use {format_length(up_to_two_digits(fits_m))} or more"
 
 
-def _up(value: float) -> float:
+def up_to_two_digits(value: float) -> float:
     """Two significant digits, not less than the value."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(np.ceil(value / step) * step)

@@ -18,10 +18,8 @@ from crease.bake.limits import check_bricks
 from crease.bake.planes import BrickPlanes, NearBricks, find_planes
 from crease.bake.refine import Coarse, Fine, pack_fine, refine
 from crease.bake.surface import Surface
-from crease.base.errors import MeshError
 from crease.base.native import lib
 from crease.base.progress import Forecast, part_of
-from crease.base.settings import setting
 
 F64 = npt.NDArray[np.float64]
 I32 = npt.NDArray[np.int32]
@@ -35,7 +33,6 @@ PROBE_SIDE = 5
 """Points a side at which the planes of a crease cell are checked against exact distances."""
 PROBE_MARGIN = 0.4
 """How far, in cells, the probes reach beyond the cell: planes that only just matter inside are seen."""
-BRICKS_MAX = 1_000_000
 AT_ONCE = 256
 """Bricks whose cells are looked at together: more than that leave the cache."""
 BLOCK = 16_384
@@ -363,12 +360,8 @@ def make_voxmap(
     grid = make_grid(surface, voxel_m, near_m)
     near = near_bricks(surface, grid)
     where = np.argwhere(near)[:, ::-1]
-    if len(where) > BRICKS_MAX:
-        raise MeshError(
-            f"{surface.mesh.source}: {len(where):,} bricks near the surface, at most {BRICKS_MAX:,} fit;"
-            f" use a larger {setting('voxel_m')}"
-        )
-    check_bricks(surface.mesh, voxel_m, len(where), float(np.prod(grid.dims)), memory_max)
+    whole = float(np.prod(grid.dims))
+    check_bricks(surface.mesh, voxel_m, near_m, len(where), whole, memory_max)
     work.begin("distances", len(where))
     phi, facet = base_samples(surface, grid, where, work.tick)
     sorter = CellSorter(surface, grid, tolerance_m)

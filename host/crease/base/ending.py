@@ -34,7 +34,15 @@ def end(number: int = signal.SIGINT, _frame: FrameType | None = None) -> None:
             undo()
     with suppress(OSError):
         os.write(2, b"error: interrupted\n")
-    os._exit(1)
+    _die(number)
+
+
+def _die(number: int) -> None:
+    """By the signal itself, which shells and supervisors ask for: 130 and 143 to a shell, and its loop ends too."""
+    with suppress(ValueError):  # not the main thread
+        signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
+    os._exit(128 + number)  # the first process of a container does not die of its own signals
 
 
 def hear() -> None:

@@ -7,6 +7,10 @@ class CreaseError(Exception):
     """Something outside the program is wrong. The text is one line: what, where, and the mend."""
 
 
+class UsageError(CreaseError):
+    """What the command line asks for does not go together, whatever the files hold."""
+
+
 class MeshError(CreaseError):
     """A mesh file cannot be read, or its surface cannot be mended."""
 

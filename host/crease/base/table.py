@@ -391,7 +391,9 @@ def read_table(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
         case ".npz":
             columns = load_npz(path)
         case _:
-            raise TableError(f"{path}: the suffix is neither .csv nor .npz")
+            raise TableError(
+                f"{path}: is no path and no table: the suffix is neither .csv nor .npz; give one of these"
+            )
     if missing := [name for name in wanted if name not in columns]:
         raise TableError(
             f"{path}: no array {_some(missing)}; it must have {','.join(wanted[:_NAMED_MAX])}"

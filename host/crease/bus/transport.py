@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import can
@@ -48,9 +49,35 @@ def check_bitrate(bitrate: int | None) -> None:
         raise BusError(f"bitrate {bitrate}: the motor bus runs at {ours}; give -b {ours}")
 
 
+def check_channel(interface: str, channel: str) -> None:
+    """Errors: BusError with the mend when a channel of SocketCAN is not there, or is down."""
+    import socket
+
+    if interface != "socketcan" or not channel:
+        return
+    head = f"socketcan {channel}: "
+    if channel not in (name for _, name in socket.if_nameindex()):
+        make = f"make it: sudo ip link add {channel} type vcan && sudo ip link set {channel} up"
+        mend = make if channel.startswith("vcan") else "see `ip link show type can`"
+        raise BusError(f"{head}there is no such interface; {mend}")
+    try:
+        socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError as error:
+        raise BusError(
+            f"{head}no CAN socket ({error.strerror}); does this kernel have SocketCAN? sudo modprobe can_raw"
+        ) from error
+    flags = Path(f"/sys/class/net/{channel}/flags")
+    if flags.exists() and not int(flags.read_text(), 16) & _IFF_UP:
+        raise BusError(f"{head}is down; sudo ip link set {channel} up")
+
+
+_IFF_UP = 1
+
+
 def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: Any) -> can.BusABC:
     """A python-can bus.   Errors: BusError on one line when it cannot be opened."""
     check_bitrate(bitrate)
+    check_channel(interface, channel)
     options: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
     try:
         bus = can.Bus(channel=channel, interface=interface, **options, **more)

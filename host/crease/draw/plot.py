@@ -19,8 +19,6 @@ Table = Mapping[str, npt.NDArray[Any]]
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555", "#000000")
 """Told apart by colour-blind readers too (Okabe, Ito)."""
 
-AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
-AXIS_STYLES = ("-", "--", ":")
 
 FORCE_FLOOR_N = 1e-3
 """Below this a force has no direction worth plotting."""
@@ -33,6 +31,15 @@ HELD = "couple_N_m"
 
 FEW = 20
 """Points of a line, at most, that are marked: a line through one point does not show."""
+
+FORCE_SPAN_N, TORQUE_SPAN_NM, LENGTH_SPAN_MM, TURN_SPAN_DEG = 0.05, 1e-3, 0.05, 0.1
+"""Least heights of axes: what is felt by nobody, rounding above all, is not drawn as if it filled the panel."""
+
+DECADES = 10.0
+"""A largest turn so many times all but a hundredth of the others has an axis of decades: the others show too."""
+
+TURN_FLOOR_DEG = 0.01
+"""Where that begins."""
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.0,
@@ -120,22 +127,21 @@ def save_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
 def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None = None) -> Figure:
     """Panels over time: force, torque, depth, direction change per tick, cost of a tick; one colour for each table.
 
+    Of the force |F|, and each component in a panel of its own; turns that span decades have a logarithmic axis.
+
     Shapes: each table has the columns of `crease.replay.replay.ANSWER_COLUMNS`, of its own length; without those of the
     torque in any of them that panel is left out.
     """
     import matplotlib as mpl
 
     with_torque = all("tx_Nm" in table for table in tables)
-    heights = [2.0] if len(tables) == 1 else [1.5, 2.0]
+    heights = [1.5, 1.0, 1.0, 1.0]
     heights += [1.3] * (3 + with_torque)
     with mpl.rc_context(STYLE):
         figure = new_figure(9.0, 1.4 * sum(heights) + 1.2)
         panels = list(figure.subplots(len(heights), 1, sharex=True, height_ratios=heights))
-        if len(tables) == 1:
-            _draw_force(panels.pop(0), tables[0])
-        else:
-            _draw_magnitudes(panels.pop(0), tables, names)
-            _draw_components(panels.pop(0), tables)
+        _draw_magnitudes(panels.pop(0), tables, names)
+        _draw_components([panels.pop(0) for _ in "xyz"], tables)
         if with_torque:
             _draw_torque(panels.pop(0), tables)
         _draw_depth(panels[0], tables)
@@ -150,13 +156,13 @@ def draw_ticks(tables: Sequence[Table], names: Sequence[str], title: str | None 
     return figure
 
 
-def _draw_force(axes: Axes, table: Table) -> None:
-    force_N = forces_N(table)
-    axes.plot(table["t_s"], np.linalg.norm(force_N, axis=1), color="#222222", lw=1.8, label="|F|")
-    for k, axis in enumerate("xyz"):
-        axes.plot(table["t_s"], force_N[:, k], color=AXIS_COLOURS[k], label=f"F{axis}")
-    axes.set_ylabel("force, N")
-    legend_beside(axes)
+def at_least(axes: Axes, span: float) -> None:
+    """No less than `span` from bottom to top: around the middle, or up from a bottom at zero."""
+    low, high = axes.get_ylim()
+    if high - low < span:
+        below = 0.0 if low == 0.0 else 0.5
+        middle = low + below * (high - low)
+        axes.set_ylim(middle - below * span, middle + (1.0 - below) * span)
 
 
 def legend_beside(axes: Axes, handles: list[Any] | None = None) -> None:
@@ -180,21 +186,24 @@ def _draw_magnitudes(axes: Axes, tables: Sequence[Table], names: Sequence[str]) 
     for (table, pen), name in zip(_pens(tables), names, strict=True):
         axes.plot(table["t_s"], np.linalg.norm(forces_N(table), axis=1), label=plain(name), **pen)
     axes.set_ylabel("|F|, N")
-    legend_beside(axes)
+    at_least(axes, FORCE_SPAN_N)
+    if len(tables) > 1:
+        legend_beside(axes)
 
 
-def _draw_components(axes: Axes, tables: Sequence[Table]) -> None:
-    from matplotlib.lines import Line2D
-
+def _draw_components(panels: Sequence[Axes], tables: Sequence[Table]) -> None:
+    """A panel for each of x, y, z, all to one scale."""
     for table, pen in _pens(tables):
-        force_N = forces_N(table)
-        for k, style in enumerate(AXIS_STYLES):
-            axes.plot(table["t_s"], force_N[:, k], ls=style, **pen)
-    axes.set_ylabel("force components, N")
-    marks = [Line2D([], [], color="#444444", ls=s) for s in AXIS_STYLES]
-    for mark, axis in zip(marks, "xyz", strict=True):
-        mark.set_label(f"F{axis}")
-    legend_beside(axes, marks)
+        for axes, force_N in zip(panels, forces_N(table).T, strict=True):
+            axes.plot(table["t_s"], force_N, **pen)
+    told = np.concatenate([forces_N(table).ravel() for table in tables])
+    told = told[np.isfinite(told)]
+    low, high = (float(told.min()), float(told.max())) if len(told) else (0.0, 0.0)
+    margin = max(0.05 * (high - low), 0.1 * FORCE_SPAN_N)
+    for axes, name in zip(panels, "xyz", strict=True):
+        axes.set_ylabel(f"F{name}, N")
+        axes.set_ylim(low - margin, high + margin)
+        at_least(axes, FORCE_SPAN_N)
 
 
 def _draw_torque(axes: Axes, tables: Sequence[Table]) -> None:
@@ -202,6 +211,7 @@ def _draw_torque(axes: Axes, tables: Sequence[Table]) -> None:
         axes.plot(table["t_s"], np.linalg.norm(torques_Nm(table), axis=1), **pen)
     axes.set_ylabel("|torque|, N m")
     axes.set_ylim(bottom=0.0)
+    at_least(axes, TORQUE_SPAN_NM)
 
 
 def _draw_depth(axes: Axes, tables: Sequence[Table]) -> None:
@@ -212,15 +222,22 @@ def _draw_depth(axes: Axes, tables: Sequence[Table]) -> None:
     mixed = any(held) and not all(held)
     axes.set_ylabel("depth, or hand from\nthe held tool, mm" if mixed else of_one_kind)
     axes.set_ylim(bottom=0.0)
+    at_least(axes, LENGTH_SPAN_MM)
 
 
 def _draw_turn(axes: Axes, tables: Sequence[Table]) -> None:
-    largest = 0.0
-    for table, pen in _pens(tables):
-        turn = turn_deg(forces_N(table))
+    turns = [turn_deg(forces_N(table)) for table in tables]
+    for turn, (table, pen) in zip(turns, _pens(tables), strict=True):
         axes.plot(table["t_s"], turn, **pen)
-        if np.isfinite(turn).any():
-            largest = max(largest, float(np.nanmax(turn)))
+    told = [turn[np.isfinite(turn)] for turn in turns]
+    largest = max((float(turn.max()) for turn in told if len(turn)), default=0.0)
+    usual = min((float(np.percentile(turn, 99)) for turn in told if len(turn)), default=0.0)
+    if largest > 1.0 and largest > DECADES * usual:
+        axes.set_yscale("log")
+        axes.set_ylim(TURN_FLOOR_DEG, 3.0 * largest)
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    else:
+        axes.set_ylim(0.0, max(1.1 * largest, TURN_SPAN_DEG))
     if largest > 0.5 * NOTICEABLE_TURN_DEG:
         axes.axhline(NOTICEABLE_TURN_DEG, color="#999999", lw=0.8, ls=(0, (4, 3)))
         axes.annotate(
@@ -233,7 +250,6 @@ def _draw_turn(axes: Axes, tables: Sequence[Table]) -> None:
             fontsize=7.5,
         )
     axes.set_ylabel("direction change,\ndeg per tick")
-    axes.set_ylim(0.0, 1.1 * largest if largest > 0.0 else 1.0)
 
 
 def _draw_cost(axes: Axes, tables: Sequence[Table]) -> None:

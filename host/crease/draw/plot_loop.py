@@ -11,8 +11,12 @@ import numpy.typing as npt
 from crease.base.native import ffi, lib
 from crease.draw.plot import (
     COLOURS,
+    FORCE_SPAN_N,
+    LENGTH_SPAN_MM,
     STYLE,
+    TORQUE_SPAN_NM,
     Table,
+    at_least,
     forces_N,
     legend_beside,
     mark_few,
@@ -30,6 +34,9 @@ F64 = npt.NDArray[np.float64]
 
 MODE_COLOURS = ("#dddddd", "#c2c2c2", "#a8a8a8", "#8fbcdb", "#7fc7a3", "#f0c75e", "#d9534f")
 """init, bus-up, calibrating, idle, rendering, limited, fault."""
+
+ENERGY_SPAN_MJ = 0.01
+"""Least height of the axis of the energy."""
 
 MARGIN_MIN = 0.05
 """Nearer to the singularity joint torques do not tell a force at the tip."""
@@ -83,9 +90,11 @@ def draw_loop(table: Table, title: str) -> Figure:
         panels[1].plot(table["t_s"], 1e3 * np.asarray(table["depth_m"]), color=COLOURS[0])
         panels[1].set_ylabel("hand from the\nheld tool, mm" if held else "depth, mm")
         panels[1].set_ylim(bottom=0.0)
+        at_least(panels[1], LENGTH_SPAN_MM)
         panels[2].plot(table["t_s"], 1e3 * np.asarray(table["energy_J"]), color=COLOURS[0])
         panels[2].axhline(0.0, color="#999999", lw=0.8)
         panels[2].set_ylabel("energy to the\nhand, mJ")
+        at_least(panels[2], ENERGY_SPAN_MJ)
         _draw_timing(panels[3], table)
         _draw_state(panels[4], table)
         mark_few(figure.axes)
@@ -116,6 +125,7 @@ def _draw_forces(axes: Axes, table: Table) -> None:
     if f"{felt[0]}fx_N" in table:
         axes.plot(table["t_s"], _size_N(table, felt[0]), color=COLOURS[1], lw=0.8, label=felt[1])
     axes.set_ylabel("|force|, N")
+    at_least(axes, FORCE_SPAN_N)
     legend_beside(axes)
 
 
@@ -130,6 +140,7 @@ def _draw_torques(axes: Axes, table: Table) -> None:
     felt = np.linalg.norm(hand, axis=1)
     axes.plot(table["t_s"], felt, color=COLOURS[1], lw=0.8, label="felt by the hand")
     axes.set_ylabel("|torque|, N m")
+    at_least(axes, TORQUE_SPAN_NM)
     legend_beside(axes)
 
 

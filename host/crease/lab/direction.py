@@ -29,6 +29,11 @@ RADIUS_MM, DEPTH_MM, STEP_MM, FLAT_MM = 50.0, 10.0, 0.1, 55.0
 STIFFNESS_N_M = 1000.0
 NAMES = {"way_out": "way out", "extent": "extent", "fixed45": "fixed 45 degrees"}
 WEDGES = {60: "wedge60", 90: "block45k", 120: "wedge120"}
+INPUTS = (
+    *("corner3_sphere.csv", "corner.stl", "ball15.stl", "sphere50.stl"),
+    *(f"{static}.stl" for static in WEDGES.values()),
+)
+"""Files of the folder of meshes."""
 EXACT_EVERY = 8
 """Every n-th pose has its exact direction computed: a boolean with a ball of 20,480 triangles costs 8 ms."""
 

@@ -20,6 +20,10 @@ DETAIL = (40, 80)
 METHODS = ("as published", "extent", "way out")
 
 
+INPUTS = ("edge90_cube.csv", "block45k.stl", *(f"cube60_{n}.stl" for n in TRIANGLES))
+"""Files of the folder of meshes."""
+
+
 def run(setup: Setup) -> Result:
     """Depth per frame of every tessellation, by each method, beside its exact curve."""
     result = Result(

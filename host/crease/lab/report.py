@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 
 from crease.base.version import VERSION
 from crease.lab.setup import Result, Table, machine
@@ -83,15 +84,32 @@ def _how(every: int, repeat: int) -> str:
     )
 
 
-def make_report(results: Sequence[Result], folder: Path, every: int = 1, repeat: int = 20) -> str:
-    """The page as text; figures are read from `folder`, made with these options of the command."""
+def _without(missing: Mapping[str, str]) -> str:
+    """What is not on the page, and why."""
+    if not missing:
+        return ""
+    rows = "".join(f"<li>{escape(name)}: {escape(why)}</li>" for name, why in missing.items())
+    return f'<p class="found">Not all of it. Missing:</p>\n<ul>{rows}</ul>\n'
+
+
+def make_report(
+    results: Sequence[Result],
+    folder: Path,
+    every: int = 1,
+    repeat: int = 20,
+    missing: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """The page as text; figures are read from `folder`, made with these options of the command.
+
+    missing: experiments that are not among the results, and why.
+    """
     links = "".join(f'<a href="#{r.name}">{escape(r.name)}</a>' for r in results)
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>crease: experiments</title><style>{_STYLE}</style></head><body>\n"
         f"<h1>Experiments</h1>\n<p>crease {VERSION}, measured on {escape(machine())}.</p>\n"
-        f"<p>{escape(_ABOUT)}</p>\n{_how(every, repeat)}<nav>{links}</nav>\n"
+        f"<p>{escape(_ABOUT)}</p>\n{_how(every, repeat)}{_without(missing)}<nav>{links}</nav>\n"
         + "".join(_section(result, folder) for result in results)
         + "</body></html>\n"
     )

@@ -27,6 +27,11 @@ LABELS = (OURS, *NAMES)
 """The last is for tools that are lines alone: on the stick."""
 OFF_SCALE = 3.0
 """Curves are cut where they leave the exact wrench's range by so much of it."""
+INPUTS = (
+    *(f"six/{name}.{end}" for name in SCENES for end in ("csv", "json", "static.stl", "tool.stl")),
+    *("six/plate_needle.json", "six/plate_needle.tool.stl"),
+)
+"""Files of the folder of meshes."""
 SHADED = (OURS, "god-object", "force shading")
 """On the drum: what is shaded, beside what is not."""
 DASHED = {"force shading": "god-object", "contact levels": "static coupling"}

@@ -22,6 +22,10 @@ TOOLS = {
 SKIPS = {"with spheres": skip_mask(["all"]), "without spheres": 0}
 
 
+INPUTS = ("block45k.stl", *(f"{mesh}.stl" for mesh, *_ in TOOLS.values()))
+"""Files of the folder of meshes."""
+
+
 def edge_path(half_mm: float, along_mm: tuple[float, float], ticks: int) -> F64:
     """Poses (n, 7) of a tool, its length along x, that lies across the block's edge (the y axis), slides and tips."""
     s = np.linspace(0.0, 1.0, ticks)

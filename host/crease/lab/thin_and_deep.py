@@ -58,6 +58,10 @@ def cases(every: int) -> list[Case]:
     ]  # fmt: skip
 
 
+INPUTS = tuple(f"{mesh}.stl" for case in cases(1) for mesh in (case.static, case.tool))
+"""Files of the folder of meshes."""
+
+
 def run(setup: Setup) -> Result:
     """Force against the way pushed, beside what it should be, and where it goes wrong."""
     result = Result(

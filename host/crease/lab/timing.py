@@ -24,6 +24,10 @@ ROW = record("cr_phases_row")
 """Of host/native/phases.h."""
 
 
+INPUTS = ("edge90_cube.csv", "block45k.stl", *(f"cube60_{n}.stl" for n in TRIANGLES))
+"""Files of the folder of meshes."""
+
+
 def time_phases(
     scene: Scene, path: Trajectory, options: ReplayOptions, repeat: int
 ) -> npt.NDArray[Any]:

@@ -51,6 +51,10 @@ CASES = (
 )  # fmt: skip
 
 
+INPUTS = tuple(f"{mesh}.stl" for case in CASES for mesh in (case.static, case.tool))
+"""Files of the folder of meshes."""
+
+
 def run(setup: Setup) -> Result:
     """A picture of each case, and what the tick says of each zone."""
     result = Result(

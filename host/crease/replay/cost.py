@@ -20,6 +20,8 @@ from crease.replay.trajectory import Trajectory
 BOARD_WORK = 40
 """Units of work in a tick that fits an STM32H743 (firmware/DESIGN.md, "A tick that fits")."""
 PERIOD_S = 1e-3
+BOARD_LATE_MAX = 50
+"""Ticks: the boards' loop faults when the answer is older (BOARD_LATE_MAX_TICKS of board.h)."""
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> None:
         with Progress() as progress:
             work = Forecast(progress, heard=progress.live)
             static, tool = read_meshes(args, work.prepare)
-            warnings = [*static.warnings, *tool.warnings]
+            warnings = [*static.warnings, *tool.warnings, *unit_warning(static, tool)]
             warn(warnings)
             result = bake_scene(static, tool, bake_options(args), work)
         if args.strict and result.warnings:
@@ -147,6 +147,25 @@ def run(args: argparse.Namespace) -> None:
         print_json(report)
     else:
         print_report(report)
+
+
+TOOL_LARGER, TOOL_SMALLER = 5.0, 100.0
+"""Times as long as the mock-up, or as short: few tools are, many are in another unit."""
+
+
+def unit_warning(static: Mesh, tool: Mesh) -> list[str]:
+    """A warning when one body is so much larger than the other that its unit is most likely another one."""
+    import numpy as np
+
+    static_m, tool_m = (float(np.ptp(mesh.vertices_m, axis=0).max()) for mesh in (static, tool))
+    ratio = tool_m / static_m
+    if 1.0 / TOOL_SMALLER <= ratio <= TOOL_LARGER:
+        return []
+    how = f"{ratio:.0f} times as long" if ratio > 1.0 else f"{1.0 / ratio:.0f} times as short"
+    return [
+        f"{tool.source}: the tool is {format_length(tool_m)} long, {how} as the mock-up, {format_length(static_m)}; "
+        "if that is wrong, give its unit with --tool-unit, the mock-up's with --unit"
+    ]
 
 
 def read_meshes(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from crease.base.ending import raising
-from crease.base.errors import BusError
+from crease.base.errors import BusError, UsageError
 from crease.verbs.common import SubParsers, add_force, add_json, number, print_json
 
 if TYPE_CHECKING:
@@ -71,13 +71,15 @@ _WATCHED = (
 
 
 def _check_alone(args: argparse.Namespace) -> None:
-    """Errors: BusError for options that do not go together."""
+    """Errors: UsageError for options that do not go together."""
     asked = [name for name in ("export", "schedule", "read") if getattr(args, name)]
     if len(asked) > 1:
-        raise BusError(f"{' and '.join(f'--{name}' for name in asked)}: give one of them")
+        raise UsageError(f"{' and '.join(f'--{name}' for name in asked)}: give one of them")
     for option, name in _WATCHED if asked else ():
         if getattr(args, name) is not None:
-            raise BusError(f"{option} is of a bus that is watched; leave it out with --{asked[0]}")
+            raise UsageError(
+                f"{option} is of a bus that is watched; leave it out with --{asked[0]}"
+            )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -204,7 +206,7 @@ def _watch(args: argparse.Namespace) -> None:
     from crease.bus.transport import one_line, open_bus
 
     if args.interface is None or args.channel is None:
-        raise BusError("nothing to watch; give -i and -c, or --read, --export, --schedule")
+        raise UsageError("nothing to watch; give -i and -c, or --read, --export, --schedule")
     if args.log is not None:
         _check_suffix(args.log)
         check_target(args.log, args.force)

@@ -31,7 +31,8 @@ def add_parser(sub: SubParsers) -> None:
     parser = sub.add_parser(
         "check",
         help="report on meshes: closed, crossings, walls, edges, what `bake` would do",
-        description="Report on mesh files without baking them. Exit status 1 when one of them would be refused.",
+        description="Report on mesh files without baking them. Exit status 1 when one of them cannot be read or "
+        "would be refused, after the report on all.",
     )
     parser.add_argument("meshes", metavar="MESH", type=Path, nargs="+", help="mesh file")
     add_unit(parser)
@@ -56,24 +57,36 @@ def run(args: argparse.Namespace) -> None:
         check_suffix(args.output, (".png",))
         check_target(args.output, args.force)
     sheet_m, voxel_m = metres(args.sheet, args.unit), metres(args.voxel, args.unit)
-    findings, unread = [], []
+    findings: list[Findings] = []
+    unread: list[str] = []
+    lines: list[tuple[str, str]] = []
     for path in args.meshes:
         try:
-            findings.append(examine(path, args.unit, args.crease_angle, sheet_m))
+            one = examine(path, args.unit, args.crease_angle, sheet_m)
         except MeshError as error:
             unread.append(str(error))
+            lines.append(("unread", str(error)))
+        else:
+            findings.append(one)
+            lines += rows(one, voxel_m)
     if len(unread) == len(args.meshes) == 1:
         raise CreaseError(unread[0])
     if args.json:
-        print_json({"meshes": [one.report() for one in findings]})
+        print_json({"meshes": [one.report() for one in findings], "unread": unread})
     else:
-        for one in findings:
-            print_lines(rows(one, voxel_m))
-    if args.output is not None and not unread:
+        print_lines(lines)
+    if args.output is not None and findings:
         draw_findings(findings, args.output)
-    refused = unread + [one.reason for one in findings if one.mesh is None]
-    if refused:
-        raise CreaseError(f"{len(refused)} of {len(args.meshes)} would be refused; {refused[0]}")
+    refused = [one.reason for one in findings if one.mesh is None]
+    if unread or refused:
+        raise CreaseError(_verdict(len(args.meshes), unread, refused))
+
+
+def _verdict(count: int, unread: list[str], refused: list[str]) -> str:
+    """How many of the files are not right, and the first of them."""
+    parts = [f"{len(unread)} of {count} cannot be read"] if unread else []
+    parts += [f"{len(refused)} of {count} would be refused"] if refused else []
+    return f"{', '.join(parts)}; {[*unread, *refused][0]}"
 
 
 def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from crease.base.errors import CreaseError, UnitError
+from crease.base.errors import CreaseError, UnitError, UsageError
 from crease.base.units import format_length, parse_length, parse_place, parse_size, parse_unit
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ def add_couple(parser: argparse._ActionsContainer, what: str) -> None:
 
 
 def couple_options(args: argparse.Namespace) -> CoupleOptions | None:
-    """Settings of the held tool; None without --couple.   Errors: CreaseError for a setting without --couple."""
+    """Settings of the held tool; None without --couple.   Errors: UsageError for a setting without --couple."""
     from crease.replay.replay import CoupleOptions
 
     names = {
@@ -176,7 +176,7 @@ def couple_options(args: argparse.Namespace) -> CoupleOptions | None:
     if args.couple:
         return CoupleOptions(**{names[name]: value for name, value in given.items()})
     for name in given:
-        raise CreaseError(f"--{name.replace('_', '-')} is of a held tool; give --couple too")
+        raise UsageError(f"--{name.replace('_', '-')} is of a held tool; give --couple too")
     return None
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from crease.base.errors import CreaseError
-from crease.lab.run import NAMES, run_experiment
-from crease.lab.setup import Setup
+from crease.lab.run import NAMES, missing_inputs, run_experiment
+from crease.lab.setup import Result, Setup
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -15,6 +16,7 @@ from crease.verbs.common import (
     check_folder,
     check_inputs,
     make_folder,
+    warn,
     whole,
 )
 
@@ -51,7 +53,9 @@ def add_parser(sub: SubParsers) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError when a mesh is missing, or the folder holds something and --force is not given."""
+    """Errors: CreaseError when a mesh is missing, the folder holds something and --force is not given, or one of
+    all the experiments fails: the others run, and the page says what is missing.
+    """
     from crease.base.table import write_bytes
     from crease.lab.report import make_report, text_table
 
@@ -63,15 +67,38 @@ def run(args: argparse.Namespace) -> None:
             f"{out}: holds files already; give --force to replace them, or name another folder"
         )
     check_inputs(args)
+    check_files(names, args.meshes)
     make_folder(out)
     setup = Setup(args.meshes, args.images, out, args.every, args.repeat)
-    results = []
+    results: list[Result] = []
+    missing = dict.fromkeys(names, "has not run")
     for name in names:
-        result = run_experiment(name, setup)
-        results.append(result)
-        text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
-        print(f"{result.title}\n\n{text}\n", flush=True)
-        write_bytes(out / f"{name}.txt", (text + "\n").encode())
-    if args.name == "all":
-        write_bytes(out / REPORT, make_report(results, out, args.every, args.repeat).encode())
+        try:
+            result = run_experiment(name, setup)
+        except CreaseError as error:
+            if len(names) == 1:
+                raise
+            missing[name] = f"failed: {error}"
+            warn([f"{name} {missing[name]}"])
+        else:
+            del missing[name]
+            results.append(result)
+            text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
+            print(f"{result.title}\n\n{text}\n", flush=True)
+            write_bytes(out / f"{name}.txt", (text + "\n").encode())
+        if len(names) > 1:  # as far as it goes: what ends the rest leaves that
+            page = make_report(results, out, args.every, args.repeat, missing)
+            write_bytes(out / REPORT, page.encode())
+    if len(names) > 1:
         print(f"page: {out / REPORT}")
+    if missing:
+        raise CreaseError(f"{out / REPORT}: is without {', '.join(missing)}, which failed")
+
+
+def check_files(names: Sequence[str], meshes: Path) -> None:
+    """Errors: CreaseError when a file that these experiments read is missing: said before any of them runs."""
+    if missing := missing_inputs(names, meshes):
+        more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
+        raise CreaseError(
+            f"{missing[0]}: is missing{more}; run `make meshes`, or name the folder with --meshes"
+        )

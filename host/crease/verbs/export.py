@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from crease.base.errors import UsageError
 from crease.base.scene import open_scene
 from crease.base.table import check_suffix, check_target
 from crease.verbs.common import SubParsers, add_force, add_json, print_either, warn
@@ -26,7 +27,10 @@ def add_parser(sub: SubParsers) -> None:
         "input", metavar="FILE", type=Path, help="a recording (.crr) or a table (.csv, .npz)"
     )
     parser.add_argument(
-        "--to", metavar="FORMAT", choices=FORMATS, required=True, help=", ".join(FORMATS)
+        "--to",
+        metavar="FORMAT",
+        choices=FORMATS,
+        help=f"{', '.join(FORMATS)} (default: the suffix of OUT)",
     )
     parser.add_argument(
         "-o",
@@ -50,11 +54,15 @@ def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for another kind of file, a missing package, an output that cannot be written."""
     from crease.replay.export import export
 
+    if args.to is None and args.output is None:
+        raise UsageError("export to what? give -o OUT with its suffix, or --to")
     out = args.output or args.input.with_suffix(f".{args.to}")
-    check_suffix(out, (f".{args.to}",))
+    formats = FORMATS if args.to is None else (args.to,)
+    check_suffix(out, tuple(f".{name}" for name in formats))
+    kind = out.suffix.lower().removeprefix(".")
     check_target(out, args.force, (args.input,))
     scene = None if args.scene is None else open_scene(args.scene)
-    ticks, warnings = export(args.input, args.to, out, scene)
+    ticks, warnings = export(args.input, kind, out, scene)
     warn(warnings)
     report: dict[str, object] = {
         "output": str(out),

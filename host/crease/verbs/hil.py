@@ -134,8 +134,8 @@ _ELSEWHERE = {
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
     from crease.base.ending import raising
-    from crease.base.errors import LoopError
-    from crease.bus.transport import check_bitrate
+    from crease.base.errors import UsageError
+    from crease.bus.transport import check_bitrate, check_channel
     from crease.loop.hil import describe, run_socketcan
     from crease.replay.recording import SUFFIX, recording_bytes
     from crease.verbs.sim import parse_fault
@@ -152,7 +152,8 @@ def run(args: argparse.Namespace) -> None:
     if args.interface == "socketcan":
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != DEFAULT_RESPONSE:
-            raise LoopError(_ELSEWHERE[(*given, "response")[0]])
+            raise UsageError(_ELSEWHERE[(*given, "response")[0]])
+        check_channel(args.interface, args.channel)
         with raising(), tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
@@ -181,21 +182,21 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _handle_of(args: argparse.Namespace) -> Any:
-    """A `HandleSetup` with --couple, else None.   Errors: CreaseError for options that do not go together."""
-    from crease.base.errors import CreaseError
+    """A `HandleSetup` with --couple, else None.   Errors: UsageError for options that do not go together."""
+    from crease.base.errors import UsageError
 
     couple = couple_options(args)
     if couple is None:
         for name in ("damping", "delay"):
             if getattr(args, name) is not None:
-                raise CreaseError(f"--{name} is of a held tool; give --couple too")
+                raise UsageError(f"--{name} is of a held tool; give --couple too")
         return None
     if args.interface == "socketcan":
-        raise CreaseError("--couple: only with -i inprocess; the wrist is simulated beside the bus")
+        raise UsageError("--couple: only with -i inprocess; the wrist is simulated beside the bus")
     if args.response != DEFAULT_RESPONSE:
-        raise CreaseError(f"--response {args.response}: a held tool has no response but its own")
+        raise UsageError(f"--response {args.response}: a held tool has no response but its own")
     if args.table is not None:
-        raise CreaseError("--couple has no --table; the table is what -o names")
+        raise UsageError("--couple has no --table; the table is what -o names")
     from crease.loop.handle import HandleSetup
     from crease.verbs.sim import load_device
 
@@ -203,13 +204,13 @@ def _handle_of(args: argparse.Namespace) -> Any:
 
 
 def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any, handle: Any) -> Any:
-    from crease.base.errors import LoopError
+    from crease.base.errors import UsageError
     from crease.base.native import RESPONSES, ffi, lib
     from crease.loop.hil import run_inprocess
     from crease.verbs.sim import load_params, parse_fault
 
     if args.response not in RESPONSES:
-        raise LoopError(f"--response {args.response}: is not known; use {' or '.join(RESPONSES)}")
+        raise UsageError(f"--response {args.response}: is not known; use {' or '.join(RESPONSES)}")
     config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
     config.world.stiffness_N_m = args.stiffness
     config.world.response = RESPONSES[args.response]

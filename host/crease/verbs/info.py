@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from crease.base.errors import SceneError
+from crease.base.errors import UsageError
 from crease.base.scene import open_scene
 from crease.base.units import format_length
 from crease.replay.cost import (
+    BOARD_LATE_MAX,
     BOARD_WORK,
     PERIOD_S,
     Beside,
@@ -41,13 +42,14 @@ def add_parser(sub: SubParsers) -> None:
     parser.add_argument(
         "--device",
         metavar="NAME",
+        type=str.lower,
+        choices=device_names(),
         help=f"room for the scene, memory, and instructions of a tick on {', '.join(device_names())}",
     )
     parser.add_argument(
         "--work",
         metavar="N",
         type=whole_in(32, 1048576),
-        default=BOARD_WORK,
         help=f"with --device: lookups_max, the work of a tick that searches itself (default: {BOARD_WORK})",
     )
     parser.add_argument(
@@ -61,13 +63,15 @@ def add_parser(sub: SubParsers) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError when the file is not a valid image, or the device is not known."""
-    if args.path is not None and args.device is None:
-        raise SceneError("--path: counts ticks for a controller; name it with --device")
+    """Errors: CreaseError when the file is not a valid image."""
+    for option, value in (("--path", args.path), ("--work", args.work)):
+        if value is not None and args.device is None:
+            raise UsageError(f"{option}: counts ticks for a controller; name it with --device")
     scene = open_scene(args.scene)
     info = scene.info()
     path = None if args.path is None else load_trajectory(args.path)
-    cost = None if args.device is None else cost_of(scene, args.device, args.work, path)
+    work = args.work or BOARD_WORK
+    cost = None if args.device is None else cost_of(scene, args.device, work, path)
     if args.json:
         print_json(info | ({} if cost is None else {"device": cost.report()}))
     else:
@@ -142,9 +146,9 @@ def device_lines(cost: Cost) -> list[tuple[str, str]]:
             *lines,
             (
                 "tick",
-                f"searching itself: {cost.instructions:,} instructions for {cost.work} units of",
+                f"searching itself: {cost.instructions:,} instructions for {cost.work} units of work,",
             ),
-            ("", f"work, and one step more: {cost.step:,} at the deepest pose found, no bound"),
+            ("", f"and one step more: {cost.step:,} at the deepest pose found, no bound"),
             ("", _share(cost.largest_s)),
             ("", "--path tells what a path takes, with the search in the tick and beside it"),
         ]
@@ -170,7 +174,9 @@ def _share(time_s: float) -> str:
 
 
 def _late(along: Ticks | Beside) -> str:
-    return f"answers {along.late_mean:.1f} ticks late on average, {along.late_most} at most"
+    text = f"answers {along.late_mean:.1f} ticks late on average, {along.late_most} at most"
+    late = along.late_most > BOARD_LATE_MAX
+    return text + (f": TOO LATE, the boards fault beyond {BOARD_LATE_MAX}" if late else "")
 
 
 def _part(used: int, there: int, what: str) -> str:

@@ -11,7 +11,7 @@ import webbrowser
 from pathlib import Path
 
 from crease.base.ending import raising
-from crease.base.errors import CreaseError
+from crease.base.errors import UsageError
 from crease.base.scene import open_scene
 from crease.replay.trajectory import load_trajectory
 from crease.verbs.common import print_either
@@ -28,11 +28,11 @@ def run(args: argparse.Namespace, files: list[Path]) -> None:
     from crease.loop.hil import resample
 
     if args.output is not None:
-        raise CreaseError(
+        raise UsageError(
             f"-o {args.output}: a page that is live is served, not written; leave it out"
         )
     if len(files) > 1:
-        raise CreaseError(f"{files[1]}: the hand follows one path; give one")
+        raise UsageError(f"{files[1]}: the hand follows one path; give one")
     scene = open_scene(args.scene)
     path = resample(load_trajectory(files[0])) if files else None
     session = Session(scene, path, stiffness=args.stiffness, response=args.response)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crease.base.errors import CreaseError
+from crease.base.errors import UsageError
 from crease.base.table import check_suffix, check_target, column_names, read_table, write_atomic
 from crease.replay.recording import cut_warning, is_recording, load_recording
 from crease.replay.replay import ANSWER_COLUMNS
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     check_suffix(args.output, SUFFIXES)
     check_target(args.output, args.force, args.tables)
     if len(args.tables) > 8:
-        raise CreaseError(
+        raise UsageError(
             f"{len(args.tables)} tables in one figure cannot be told apart; give 8 at most"
         )
     from crease.draw.plot import draw_ticks, save_figure
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> None:
         figure = _draw_run(args.tables[0], args.title)
     else:
         if any(is_recording(path) for path in args.tables):
-            raise CreaseError("a recording is drawn alone; give one file")
+            raise UsageError("a recording is drawn alone; give one file")
         tables = [read_table(path, ANSWER_COLUMNS) for path in args.tables]
         figure = draw_ticks(tables, labels(args.tables), args.title)
     kind = args.output.suffix.lower()[1:]

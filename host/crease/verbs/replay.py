@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from crease.base.errors import CreaseError
+from crease.base.errors import UsageError
 from crease.base.native import COVERAGES, RESPONSES, SKIPS, lib, skip_mask
 from crease.base.progress import Progress
 from crease.base.scene import Scene, open_scene
@@ -142,15 +142,17 @@ _UNCOUPLED = (
 
 
 def _couple_of(args: argparse.Namespace) -> CoupleOptions | None:
-    """Settings of the held tool; None without --couple.   Errors: CreaseError for options that do not go together."""
+    """Settings of the held tool; None without --couple.   Errors: UsageError for options that do not go together."""
     couple = couple_options(args)
     if couple is None:
         return None
     for option, name in _UNCOUPLED:
         if getattr(args, name) is not None:
-            raise CreaseError(f"--couple has no {option}; leave it out")
+            raise UsageError(f"--couple has no {option}; leave it out")
+    if args.response != DEFAULT_RESPONSE:
+        raise UsageError(f"--response {args.response}: a held tool has no response but its own")
     if args.output.suffix == ".mcap" or is_recording(args.path):
-        raise CreaseError("--couple runs a path, CSV or NPZ, into a table, CSV or NPZ")
+        raise UsageError("--couple runs a path, CSV or NPZ, into a table, CSV or NPZ")
     return couple
 
 
@@ -174,9 +176,9 @@ def _far_away(scene: Scene, path: Trajectory) -> list[str]:
 
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
+    couple = _couple_of(args)
     check_suffix(args.output, (".csv", ".npz", ".mcap"))
     check_target(args.output, args.force, (args.scene, args.path))
-    couple = _couple_of(args)
     if is_recording(args.path):
         from crease.verbs import rerun
 

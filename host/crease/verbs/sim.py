@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from crease.base.errors import BusError
+from crease.base.errors import BusError, UsageError
 from crease.base.table import column_names, describe, read_table
 from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params, WristParams
 from crease.replay.trajectory import place_of_row, stack_columns
@@ -63,7 +63,7 @@ def add_parser(sub: SubParsers) -> None:
 
 
 def parse_fault(text: str) -> Fault:
-    """`drop:tick=100,ticks=3,id=0x191,to=host` as a row of the fault table.   Errors: BusError."""
+    """`drop:tick=100,ticks=3,id=0x191,to=host` as a row of the fault table.   Errors: UsageError."""
     kind, _, rest = text.partition(":")
     values: dict[str, Any] = {}
     for part in filter(None, rest.split(",")):
@@ -78,11 +78,11 @@ def parse_fault(text: str) -> Fault:
             else:
                 raise ValueError(name)
         except ValueError as error:
-            raise BusError(
+            raise UsageError(
                 f"fault '{text}': '{part}' is not understood; write KIND:tick=N,ticks=N,axis=X,id=0x191,to=host,value=N"
             ) from error
     if kind not in FAULT_KINDS or "tick" not in values:
-        raise BusError(
+        raise UsageError(
             f"fault '{text}': write KIND:tick=N with KIND one of {', '.join(FAULT_KINDS)}"
         )
     return Fault(kind=kind, **values)
@@ -150,7 +150,7 @@ def run(args: argparse.Namespace) -> None:
 
     check_bitrate(args.bitrate)
     if args.interface == "inprocess":
-        raise BusError(
+        raise UsageError(
             "interface inprocess: lives inside one program and has its own drives; use socketcan or virtual"
         )
     params = load_params(args.device)
@@ -191,7 +191,9 @@ def run(args: argparse.Namespace) -> None:
 def _run_socketcan(args: argparse.Namespace, drives: Drives) -> int:
     """In C, without the interpreter in the loop. Gives frames lost."""
     from crease._sim import ffi, lib
+    from crease.bus.transport import check_channel
 
+    check_channel(args.interface, args.channel)
     report = ffi.new("cr_sim_run_report *")
     duration_us = round(1e6 * args.seconds) if args.seconds else 0
     status = lib.cr_sim_run_socketcan(drives.c, args.channel.encode(), duration_us, report)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crease.base.errors import CreaseError
+from crease.base.errors import UsageError
 from crease.base.native import RESPONSES
 from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, column_names, read_table, write_bytes
@@ -92,11 +92,11 @@ def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for files that cannot be read or are of another scene, or a page that cannot be written."""
     for option, name, usual in _LIVE if not args.live else ():
         if getattr(args, name) != usual:
-            raise CreaseError(f"{option} is of the loop while it runs; give --live too")
+            raise UsageError(f"{option} is of the loop while it runs; give --live too")
     files = list(args.files)
     if args.scene is None:
         if files[0].suffix != ".crs":
-            raise CreaseError(
+            raise UsageError(
                 f"{files[0]}: of which scene? give --scene SCENE.crs, or SCENE.crs first"
             )
         args.scene = files.pop(0)
@@ -108,9 +108,9 @@ def run(args: argparse.Namespace) -> None:
     from crease.draw.view import make_page
 
     if args.output is None:
-        raise CreaseError(f"{args.scene}: name the page with -o PAGE.html, or give --live")
+        raise UsageError(f"{args.scene}: name the page with -o PAGE.html, or give --live")
     if not files:
-        raise CreaseError(f"{args.scene}: give a path or a table to show with it, or --live")
+        raise UsageError(f"{args.scene}: give a path or a table to show with it, or --live")
     check_suffix(args.output, (".html", ".htm"))
     check_target(args.output, args.force, (args.scene, *files))
     scene = open_scene(args.scene)

@@ -56,6 +56,10 @@ def load_scenes(table: Path) -> dict[str, PropertyScene]:
     try:
         entries = tomllib.loads(table.read_text(encoding="utf-8"))
         return {name: _scene(name, entry) for name, entry in entries.items()}
+    except FileNotFoundError as error:
+        raise CreaseError(
+            f"{table}: is missing; run in a checkout, or name the table of scenes with --table"
+        ) from error
     except (OSError, tomllib.TOMLDecodeError, TypeError, ValueError) as error:
         raise CreaseError(f"{table}: cannot be read as a table of scenes: {error}") from error
 
