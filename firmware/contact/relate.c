@@ -18,7 +18,7 @@
 /* A sum tells a way out that no normal touched does where it holds most of all that the tool touches: none up to this share of it. Taken out it
  * breaks 7 golden bounds: the largest error of bar_u's torque is 0.099 mm instead of 0.033. */
 #define RULES_FROM 0.5f
-/* And where it holds all of its own overlap: as it holds less than this share of what is beside its zone it is a part of one. With 0.5 41 of 12,000 cases of the
+/* And where it holds all of its own overlap: as it holds less than this share of it and of what is beside its zones it is a part of one. With 0.5 41 of 12,000 cases of the
  * stress campaign are violated instead of 28; without it ribs and pads that are deeper than half as wide are not felt when there are several:
  * tests/property/test_many_pads.py. */
 #define ALL_FROM 0.9f
@@ -284,11 +284,8 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     const float *part = r->part[zone];
     cr_vec3 sum = v3(0.0f, 0.0f, 0.0f), turn = sum, centre = sum;
     float weight = 0.0f, area = 0.0f, bends = 0.0f, bent = 0.0f;
-    float
-        known = 0.0f,
-        whole =
-            r->whole_m3
-                [zone]; /* of the weight, what has a normal; of all that is beside, the least that one of those that are one with it knows: whichever comes first */
+    float known = 0.0f, beside = 0.0f; /* of the weight, what has a normal; and what is beside it */
+    const float per_all = 1.0f / r->all_m3;
     out->zones = out->bound_count = 0u;
     out->led_m3 = out->joined_m3 = out->depth_m = out->deep_m = out->curved_m3 = 0.0f;
     cone->zones = cone->count = cone->projected = 0u;
@@ -306,7 +303,7 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
         centre = v3_mad(centre, z->centre_m4, part[c]);
         weight += part[c] * z->weight_m3;
         known += part[c] * z->weight_m3 * v3_dot(unit[c], unit[c]);
-        whole = part[c] > 1.0f - SAME ? lower_f(whole, r->whole_m3[c]) : whole;
+        beside += part[c] * z->weight_m3 * per_all * r->beside_m3[c];
         area += part[c] * z->area_m2;
         out->curved_m3 += z->flat ? 0.0f : part[c] * z->weight_m3;
         if (!z->flat && z->patch != CR_FACET_NONE) {
@@ -316,8 +313,9 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     }
     /* Per weight: squares of the sums of a tool of micrometres would be no numbers of 32 bits. */
     const float per_weight = 1.0f / weight;
-    const float most = (weight / r->all_m3 - RULES_FROM) / (1.0f - RULES_FROM);
-    const float rules = clamp_f(max_f(most, (weight / whole - ALL_FROM) / (1.0f - ALL_FROM)), 0.0f, 1.0f);
+    const float share = weight * per_all, all = weight / (weight + beside / share);
+    const float most = (share - RULES_FROM) / (1.0f - RULES_FROM);
+    const float rules = clamp_f(max_f(most, (all - ALL_FROM) / (1.0f - ALL_FROM)), 0.0f, 1.0f);
     const float samples = area / (spacing_m * spacing_m);
     out->weight_m3 = weight;
     out->own_m = v3_scale(turn, per_weight);   /* yet of the sum, */
@@ -372,19 +370,19 @@ uint32_t cr_way_relate(const cr_scene *scene, const xform *pose, const cr_way_zo
     CR_ASSERT(zone < zones->count && zones->count <= CR_WAY_ZONES_MAX);
     find_means(z, zone, r);
     put_in_order(zones, zone, r);
-    r->whole_m3[zone] = z->weight_m3;
+    r->beside_m3[zone] = 0.0f;
     r->all_m3 += z->weight_m3;
     r->part[zone][zone] = 1.0f;
     for (uint32_t b = 0; b < zone; b++) {
         const cr_way_zone *o = &zones->zones[b];
         const int same = (z->patch == o->patch) | (z->patch == CR_FACET_NONE) | (o->patch == CR_FACET_NONE);
         const uint32_t label = same ? 0u : cr_pair_label(scene, z->patch, o->patch);
-        const float part =
-            z->key.piece == o->key.piece ? meet_static(scene, pose, zones, r, zone, b, label, &asked) : 0.0f;
-        const float beside = same || label != 0u ? 1.0f : part;
+        const int one = z->key.piece == o->key.piece;
+        const float part = one ? meet_static(scene, pose, zones, r, zone, b, label, &asked) : 0.0f;
+        const float beside = (same & !one) != 0 || label != 0u ? 1.0f - part : 0.0f;
         r->part[zone][b] = r->part[b][zone] = part;
-        r->whole_m3[zone] += beside * o->weight_m3;
-        r->whole_m3[b] += beside * z->weight_m3;
+        r->beside_m3[zone] += beside * o->weight_m3;
+        r->beside_m3[b] += beside * z->weight_m3;
         CR_ASSERT(!(part < 0.0f || part > 1.0f));
     }
     return asked;

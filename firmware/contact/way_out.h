@@ -136,13 +136,14 @@ typedef struct {
         uint32_t counts_for
             [CR_WAY_ZONES_MAX]; /* then of each zone, as bits: zones for whose half-spaces its samples count */
     };
-    float all_m3;                     /* weight of all zones */
-    float whole_m3[CR_WAY_ZONES_MAX]; /* weight of a zone and of all that are beside it, whatever piece they are of */
+    float all_m3; /* weight of all zones */
+    float beside_m3
+        [CR_WAY_ZONES_MAX]; /* weight of what is beside a zone, whatever piece it is of, as far as it is not related to it */
 } cr_way_relations;
 
 /* Zones become half-spaces in passes, each over all zones or half-spaces, one after the other. */
 
-/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part, whole_m3; all_m3 is added to.   Returns  pairs whose ends were asked for. */
+/* Purpose  whether a zone and each of those before it have one way out.   Output  normal, unit, touched, part, beside_m3; all_m3 is added to.   Returns  pairs whose ends were asked for. */
 uint32_t cr_way_relate(const cr_scene *scene, const xform *world_from_tool, const cr_way_zones *zones, uint32_t zone,
                        cr_way_relations *relations);
 

@@ -8,6 +8,7 @@ import crease
 import manifold3d
 import numpy as np
 import pytest
+from crease.mesh.mesh import make_mesh
 from test_late_pads import BASE, box, mesh_of
 
 DEPTHS_MM = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0)
@@ -81,3 +82,53 @@ def test_a_post_is_felt_deeper_than_half_its_width(wide_mm: float) -> None:
         pushed_mm = out.force_N.astype(np.float64)
         assert abs(pushed_mm[2] - deep_mm) < 0.01 * deep_mm
         assert np.hypot(pushed_mm[0], pushed_mm[1]) < 0.005 * deep_mm
+
+
+PROFILE_MM = [
+    [-9.2, -5.5],
+    [-5.9, 0.2],
+    [-5.6, 1.0],
+    [-5.5, 1.0],
+    [-5.5, 8.0],
+    [9.2, -5.5],
+    [5.5, 1.0],
+    [5.6, 1.0],
+    [5.9, 0.2],
+    [5.5, 8.0],
+]
+"""Across a bar with a block on it, both 20 mm long: corners at one end, then those at the other."""
+BAR_TRIANGLES = (
+    "2 3 1 0 1 7 1 3 6 0 11 1 1 12 2 2 12 3 0 5 10 0 8 5 0 7 8 1 6 7 5 8 15 7 6 16 7 18 8 0 10 11 1 11 12 "
+    "12 13 3 11 13 12 10 17 11 11 16 13 5 15 10 7 17 18 7 16 17 8 18 15 10 15 18 10 18 17 11 17 16 4 6 3 "
+    "4 3 14 4 9 6 4 19 9 9 16 6 14 3 13 4 14 19 14 13 19 9 19 16 19 13 16"
+)
+"""How it is cut into pieces depends on these: with others no piece of it is open to one side."""
+
+
+@pytest.mark.parametrize("thick_mm", [4.0, 6.0, 10.0])
+def test_a_tool_of_two_pieces_is_not_thrown_aside_in_the_middle_of_a_floor(thick_mm: float) -> None:
+    """As its first samples are nearer to the other side of the floor it was pushed aside by up to 19 mm.
+
+    What one of them was nearest to was beside nothing, and so the sum of a piece of the tool was trusted that is open
+    to one side.
+    """
+    corners_mm = np.array([[x, *place] for x in (-10.0, 10.0) for place in PROFILE_MM])
+    triangles = np.array(BAR_TRIANGLES.split(), int).reshape(-1, 3)
+    tool = make_mesh(corners_mm, triangles, 1e-3, source="bar and block")
+    world = crease.World(
+        crease.bake(
+            mesh_of(box(60, 40, thick_mm), "floor"),
+            tool,
+            spacing_m=0.7e-3,
+            voxel_m=0.7e-3,
+        ),
+        stiffness=1000.0,
+        force_max=1e4,
+    )
+    turn = (0.999982168, -0.00373420425, -0.00264034506, 0.00384024815)
+    pose = np.array([0.833779e-3, 0.695939e-3, 0.0, *turn])
+    for deep_mm in np.arange(0.4 * thick_mm, 0.5 * thick_mm, 0.005):
+        pose[2] = 1e-3 * (thick_mm + 5.6 - deep_mm)
+        world.reset()
+        pushed_mm = world.tick(pose).force_N.astype(np.float64)
+        assert np.hypot(pushed_mm[0], pushed_mm[1]) < 0.05 * pushed_mm[2]

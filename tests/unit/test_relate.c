@@ -55,7 +55,7 @@ static cr_way_zone *add_zone(cr_vec3 normal, float weights, cr_vec3 push) {
     relations.order[index] = (uint8_t)index;
     relations.all_m3 += z->weight_m3;
     for (uint32_t i = 0; i <= index; i++) {
-        relations.whole_m3[i] = 2.0f * relations.all_m3; /* it is a part of an overlap */
+        relations.beside_m3[i] = relations.all_m3; /* it is a part of an overlap */
         relations.part[index][i] = relations.part[i][index] = 1.0f;
     }
     return z;
@@ -208,28 +208,30 @@ static void all_of_an_overlap_tells_a_direction(void **state) {
     add_leaning_floor(0.8f);
     const double full = lean_of(join_first());
     relations.all_m3 = 10.0f * WEIGHT_M3;
-    relations.whole_m3[0] = WEIGHT_M3;
+    relations.beside_m3[0] = 0.0f;
     assert_near(lean_of(join_first()) / full, 1.0, 1e-6);
-    relations.whole_m3[0] = WEIGHT_M3 / 0.95f;
+    relations.beside_m3[0] = WEIGHT_M3 / 0.95f - WEIGHT_M3;
     assert_near(lean_of(join_first()) / full, 0.5, 0.1);
-    relations.whole_m3[0] = WEIGHT_M3 / 0.89f;
+    relations.beside_m3[0] = WEIGHT_M3 / 0.89f - WEIGHT_M3;
     assert_near(lean_of(join_first()) / full, 0.0, 1e-6);
 }
 
-/* Of zones that are one each may be beside others: which of them comes first does not matter. */
-static void what_is_beside_does_not_depend_on_order(void **state) {
+/* Each of its zones tells of what is beside it by what it weighs: which comes first does not matter, nor one that is hardly touched. */
+static void what_is_beside_counts_by_weight(void **state) {
     (void)state;
     add_leaning_floor(0.8f);
     *add_zone(v3(0.0f, 0.0f, 1.0f), 1.0f, v3(0.0f, 0.0f, 0.0f)) = zones.zones[0];
     relations.all_m3 = 20.0f * WEIGHT_M3;
-    relations.whole_m3[0] = 2.0f * WEIGHT_M3;
-    relations.whole_m3[1] = 4.0f * WEIGHT_M3;
+    relations.beside_m3[0] = 0.0f;
+    relations.beside_m3[1] = 0.2f * WEIGHT_M3;
     const double first = lean_of(join_first());
-    relations.whole_m3[0] = 4.0f * WEIGHT_M3;
-    relations.whole_m3[1] = 2.0f * WEIGHT_M3;
+    relations.beside_m3[0] = 0.2f * WEIGHT_M3;
+    relations.beside_m3[1] = 0.0f;
     assert_near(lean_of(join_first()), first, 1e-6);
-    relations.whole_m3[1] = 4.0f * WEIGHT_M3;
-    assert_true(lean_of(join_first()) < 0.5 * first);
+    assert_true(first > 0.1);
+    zones.zones[1].weight_m3 = 1e-6f * WEIGHT_M3;
+    relations.beside_m3[0] = 10.0f * WEIGHT_M3;
+    assert_near(lean_of(join_first()), 0.0, 1e-6);
 }
 
 /* How open a half-space is of whose sum the normal tells this part, and nothing else is believed. */
@@ -508,8 +510,8 @@ static void what_is_beside_a_zone_is_on_its_patch(void **state) {
         for (uint32_t z = 0; z < 2u; z++) {
             (void)cr_way_relate(&scene, &at_home, &zones, z, &relations);
         }
-        assert_near((double)(relations.whole_m3[0] / WEIGHT_M3), patch == 0u ? 3.0 : 1.0, 1e-6);
-        assert_near((double)(relations.whole_m3[1] / WEIGHT_M3), patch == 0u ? 3.0 : 2.0, 1e-6);
+        assert_near((double)(relations.beside_m3[0] / WEIGHT_M3), patch == 0u ? 2.0 : 0.0, 1e-6);
+        assert_near((double)(relations.beside_m3[1] / WEIGHT_M3), patch == 0u ? 1.0 : 0.0, 1e-6);
         assert_near((double)relations.part[0][1], 0.0, 0.0);
     }
 }
@@ -567,7 +569,7 @@ int main(void) {
         cmocka_unit_test_setup(few_samples_tell_no_new_direction, clear),
         cmocka_unit_test_setup(minority_tells_no_new_direction, clear),
         cmocka_unit_test_setup(all_of_an_overlap_tells_a_direction, clear),
-        cmocka_unit_test_setup(what_is_beside_does_not_depend_on_order, clear),
+        cmocka_unit_test_setup(what_is_beside_counts_by_weight, clear),
         cmocka_unit_test_setup(sum_that_normals_do_not_tell_does_not_lead, clear),
         cmocka_unit_test_setup(sum_that_cancels_fades, clear),
         cmocka_unit_test_setup(relations_are_the_same_to_a_thousandth, clear),

@@ -26,7 +26,7 @@ RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c
 # And passes of -Os that make one source or another larger: SOURCE=FLAG.
 WITHOUT := $(addprefix firmware/contact/,$(addsuffix =-fno-tree-forwprop,answer.c search.c gather.c)) \
     $(addprefix firmware/,$(addsuffix =-fno-inline-functions-called-once,contact/resolve.c servo/pose.c servo/bus.c servo/modes.c)) \
-    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions exits.c=-fno-tree-ter planes.c=-fno-schedule-insns2 measure.c=-fno-schedule-insns2) \
+    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2) \
     $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c))
 
 define CORTEX_VARIANT
