@@ -268,11 +268,11 @@ creased: build/gcc/creased ## the servo for Linux with SocketCAN, build/gcc/crea
 # What the tests run, with the programs of the variants $(1).
 TESTED = build/gcc/creased build/gcc/creased-unix build/gcc/latency_drives $(1:%=c-tests-%)
 
-check: build/.develop build/scenes/.stamp $(if $(QUICK),build/gcc/tests/test_late) ## quick tests, under two minutes
+check: build/.develop build/scenes/.stamp build/meshes/six/.stamp $(if $(QUICK),build/gcc/tests/test_late) ## quick tests, under two minutes
 	$(if $(QUICK),,@$(TWO_AT_A_TIME) $(call TESTED,gcc))
 	$(PY) tests/run.py --quick --c-tests build/gcc/tests $(if $(QUICK),--programs test_late -- tests/check/test_asserts.py)
 
-test: build/.develop build/.browser build/scenes/.stamp hil-kernel ## everything that must pass, in a quarter of an hour on two idle cores; ends with one count
+test: build/.develop build/.browser build/scenes/.stamp build/meshes/six/.stamp hil-kernel ## everything that must pass, in a quarter of an hour on two idle cores; ends with one count
 	@$(TWO_AT_A_TIME) $(call TESTED,gcc san)
 	$(PY) tests/run.py --c-tests build/gcc/tests --sanitized build/san/tests
 
