@@ -311,7 +311,7 @@ SOAK_TICKS ?= $(if $(QUICK),200000,10000000)
 soak: build/gcc/tests/test_soak ## the closed loop for 10^7 ticks of virtual time, or SOAK_TICKS=
 	CREASE_SOAK_TICKS=$(SOAK_TICKS) build/gcc/tests/test_soak
 
-coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp $(if $(QUICK),,coverage-firmware) ## lines and branches that the tests reach, C and Python
+coverage: build/.develop build/.browser c-tests-cov build/scenes/.stamp build/meshes/six/.stamp $(if $(QUICK),,coverage-firmware) ## lines and branches that the tests reach, C and Python
 	$(if $(QUICK),,gcovr --root . --filter 'host/native/' --filter 'sim/' --branches build/cov | tail -20)
 	$(PY) -m pytest -c host/pyproject.toml --rootdir . -q --cov --cov-config=host/pyproject.toml $(if $(QUICK),tests/host/test_units.py,tests)
 
