@@ -1,4 +1,4 @@
-"""Tools with inner corners: samples reach no further than the faces that they lie on."""
+"""Tools with inner corners: where their parts meet, samples are of the part that they lie on, and reach no further."""
 
 from __future__ import annotations
 
@@ -23,6 +23,17 @@ Boxes = list[tuple[float, float, float, float, float, float]]
 """Ranges along x, y and z, mm."""
 
 PARTS: dict[str, tuple[Boxes, Boxes]] = {
+    "comb": (
+        [(-5, 5, -50, 50, -5, 5)],
+        [
+            (-28, 28, -12, 12, 10, 15),
+            *((x - 3, x + 3, -12, 12, -6, 12) for x in (-25, -8.3, 8.3, 25)),
+        ],
+    ),
+    "runners": (
+        [(-40, 40, 6, 12, -5, 5)],
+        [(-20, 20, -18, 18, 8, 11), *((-20, 20, y - 2, y + 2, 0, 8) for y in (-16, 0, 16))],
+    ),
     "lid": (
         [(-20, 20, -15, 15, -20, 0)],
         [
@@ -43,7 +54,8 @@ PARTS: dict[str, tuple[Boxes, Boxes]] = {
     ),
     "L": ([(-40, 0, -40, 40, -40, 0)], [(-30, 5, -15, 15, 0, 5), (0, 5, -15, 15, -30, 5)]),
 }
-"""The static object and the tool: a lid with a skirt over a box, a tongue in a groove, an L over an edge."""
+"""The static object and the tool: a bar under a comb of four teeth, a block beside the runners of a plate, a lid with
+a skirt, a tongue in a groove, an L over an edge."""
 
 
 def solid(boxes: Boxes) -> manifold3d.Manifold:
@@ -56,12 +68,12 @@ def solid(boxes: Boxes) -> manifold3d.Manifold:
 
 
 @cache
-def scene_of(name: str, edge_mm: float | None = None) -> Scene:
-    """Samples and voxels of 1 mm; edges of the triangles as they come, or of at most edge_mm."""
+def scene_of(name: str, spacing_mm: float = 1.0, edge_mm: float | None = None) -> Scene:
+    """Voxels of 1 mm; edges of the triangles as they come, or of at most edge_mm."""
     static, tool = (solid(boxes) for boxes in PARTS[name])
     if edge_mm is not None:
         static, tool = static.refine_to_length(edge_mm), tool.refine_to_length(edge_mm)
-    return bake(static, tool, 1.0, 1.0)
+    return bake(static, tool, 1.0, spacing_mm)
 
 
 def pushed_mm(scene: Scene, at_mm: tuple[float, float, float]) -> F64:
@@ -96,7 +108,7 @@ def test_an_inner_corner_is_as_deep_whatever_its_triangles(
 ) -> None:
     """Cut more finely an L over an edge was lifted by 0.05 mm more than it is deep."""
     for edge_mm in (None, 6.0):
-        pushed = pushed_mm(scene_of("L", edge_mm), at_mm)
+        pushed = pushed_mm(scene_of("L", 1.0, edge_mm), at_mm)
         assert pushed == pytest.approx((-at_mm[0], 0.0, -at_mm[2]), abs=WITHIN_MM)
 
 
@@ -131,3 +143,26 @@ def test_reflex_corners_are_where_concave_creases_end() -> None:
     assert len(np.unique(corners.patch)) == 2
     for normal in corners.normal:
         assert sorted(map(tuple, normal)) == [(-1.0, 0.0, 0.0), (0.0, 0.0, -1.0)]
+
+
+@pytest.mark.parametrize(
+    ("name", "spacing_mm", "at_mm", "out_mm"),
+    [
+        ("comb", 1.0, (0.4, 15.0, -5.5), (-0.1, 0.0, 0.5)),
+        ("comb", 1.1, (0.4, 15.0, -5.5), (-0.1, 0.0, 0.5)),
+        ("comb", 1.1, (0.65, 15.0, -5.75), (-0.35, 0.0, 0.75)),
+        ("comb", 0.8, (-0.4, -15.0, -5.5), (0.1, 0.0, 0.5)),
+        ("runners", 1.0, (0.0, -1.99, -4.0), (0.0, 0.0, 1.0)),
+        ("runners", 1.0, (0.0, -2.1, -3.4), (0.0, 0.1, 0.4)),
+    ],
+)
+def test_samples_at_an_inner_corner_are_of_the_part_that_they_lie_on(
+    name: str,
+    spacing_mm: float,
+    at_mm: tuple[float, float, float],
+    out_mm: tuple[float, float, float],
+) -> None:
+    """Those behind the planes of no piece were of the first of their cluster, so that of a comb's teeth two were felt
+    as one: pushed out by up to 2.6 mm, and the plate aside by 0.5 where its runner stands clear."""
+    pushed = pushed_mm(scene_of(name, spacing_mm), at_mm)
+    assert pushed == pytest.approx(out_mm, abs=WITHIN_MM)
