@@ -146,7 +146,19 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
             ["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,axis=Q"],
             "'axis=Q' is not understood", 2,
         ),
-        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=0x800"], "out of range", 1),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=0x800"],
+         "fault 'drop:tick=1,id=0x800': id 0x800 is out of range, 0x0..0x7ff", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=-1"], "tick -1 is out of range, 0..4294967295", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=99999999999"], "tick 99999999999 is out of", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,ticks=-3"], "ticks -3 is out of range, 1..", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,ticks=0"], "ticks 0 is out of range, 1..", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=-1"], "id -0x1 is out of range, 0x0..0x7ff", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drive_error:tick=1,value=65536"],
+         "value 65536 is out of range, 0..65535, an error code of 16 bits", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "encoder_jump:tick=1,value=99999999999"],
+         "value 99999999999 is out of range, -2147483648..2147483647, counts", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,tick=2"], "tick is given twice", 2),
+        (["sim", "-i", "virtual", "-c", "x", *["--fault", "drop:tick=1"] * 65], "65 are too many; at most 64", 2),
         (
             ["sim", "-i", "virtual", "-c", "x", "--operator", "/nowhere.csv"],
             "there is no such file", 1,
@@ -272,3 +284,22 @@ def test_interface_that_fails_gets_one_clear_line(
         1,
         "error: broken wire: the interface failed: the wire is cut\n",
     )
+
+
+def test_a_fault_that_never_acted_is_said() -> None:
+    words = (
+        "sim",
+        "-i",
+        "virtual",
+        "-c",
+        "quiet",
+        "--seconds",
+        "0.05",
+        "--fault",
+        "drop:tick=7,id=0x191",
+    )
+    said = crease(*words)
+    assert said.status == 0
+    assert said.err == "warning: --fault drop:tick=7,id=0x191: never came; the drives saw 0 SYNC\n"
+    assert "injected  0 faults\n" in said.out
+    assert len(json.loads(crease(*words, "--json").out)["warnings"]) == 1

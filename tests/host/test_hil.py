@@ -308,3 +308,20 @@ def test_slow_edge_is_quiet_and_without_a_fault(scene_crs: Path, folder: Path) -
     assert int(rows["counters"]["faults"][-1]) == 0
     along = result.mechanism["tip_acc_m_s2"][result.path_start + 500 :]
     assert buzz_m_s2(along) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("drop:tick=90000,id=0x191", "never came; the drives saw "),
+        ("drop:tick=1600,id=0x7f", "never acted; no frame or drive that it is about came in its ticks"),
+        ("drop:tick=1600,id=0x191", ""),
+    ],
+)  # fmt: skip
+def test_hil_says_of_a_fault_that_it_never_acted(
+    tmp_path: Path, scene_crs: Path, slow_press_csv: Path, crease: Run, fault: str, said: str
+) -> None:
+    out = crease(
+        "hil", scene_crs, "--operator", slow_press_csv, "-o", tmp_path / "a.crr", "--fault", fault
+    )
+    assert (f"warning: --fault {fault}: {said}" in out.err) == bool(said), out.err

@@ -56,12 +56,15 @@ class LoopResult:
     """recording: every tick from the servo's first. mechanism: array MECHANISM, one row a tick; empty over a real bus.
 
     path_start: index of the first tick of the path. handle: array HANDLE, one row a tick; empty without a held tool.
+    syncs, injected: of the simulated drives: SYNC frames that they saw, and how often a fault that was asked for acted.
     """
 
     recording: Recording
     mechanism: npt.NDArray[Any]
     path_start: int
     handle: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=HANDLE))
+    syncs: int = 0
+    injected: int = 0
 
 
 def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
@@ -279,7 +282,10 @@ class Loop:
         self._records, self._rows = [rows], [np.concatenate(self._rows)]
         recording = Recording(rows, self.config, scene_crc32(self.servo.scene), "in process")
         self._handle_rows = [np.concatenate(self._handle_rows)]
-        return LoopResult(recording, self._rows[0], path_start, self._handle_rows[0])
+        seen = self.drives.counters
+        return LoopResult(
+            recording, self._rows[0], path_start, self._handle_rows[0], seen.ticks, seen.faults_done
+        )
 
     def _pointer(self, kind: str, value: Any) -> Any:
         """An address of the simulator in the types of the servo's extension."""

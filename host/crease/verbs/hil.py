@@ -138,8 +138,9 @@ def run(args: argparse.Namespace) -> None:
     from crease.bus.transport import check_bitrate, check_channel
     from crease.loop.hil import describe, run_socketcan
     from crease.replay.recording import SUFFIX, recording_bytes
-    from crease.verbs.sim import parse_fault
+    from crease.verbs.sim import never_acted, parse_faults
 
+    faults = parse_faults(args.fault)
     handle = _handle_of(args)
     check_suffix(args.output, (".csv", ".npz") if handle else (SUFFIX, ".mcap"))
     check_target(args.output, args.force, (args.scene, args.operator))
@@ -158,15 +159,9 @@ def run(args: argparse.Namespace) -> None:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
     else:
-        result = _run_inprocess(args, scene, path, handle)
+        result = _run_inprocess(args, scene, path, handle, faults)
     rows = result.recording.rows
-    warn(
-        [
-            f"--fault {text}: never came; the run has {len(rows):,} ticks"
-            for text in args.fault
-            if parse_fault(text).tick >= len(rows)
-        ]
-    )
+    warn(never_acted(args.fault, result.syncs, result.injected))
     if handle is not None:
         write_table(args.output, _held_table(result))
     elif args.output.suffix == ".mcap":
@@ -203,11 +198,13 @@ def _handle_of(args: argparse.Namespace) -> Any:
     return HandleSetup(args.stiffness, args.damping or 0.0, couple, load_device(args.device)[1])
 
 
-def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any, handle: Any) -> Any:
+def _run_inprocess(
+    args: argparse.Namespace, scene: Any, path: Any, handle: Any, faults: Any
+) -> Any:
     from crease.base.errors import UsageError
     from crease.base.native import RESPONSES, ffi, lib
     from crease.loop.hil import run_inprocess
-    from crease.verbs.sim import load_params, parse_fault
+    from crease.verbs.sim import load_params
 
     if args.response not in RESPONSES:
         raise UsageError(f"--response {args.response}: is not known; use {' or '.join(RESPONSES)}")
@@ -218,7 +215,6 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any, handle: Any)
     if args.delay is not None:
         params.c.torque_delay_s = 1e-3 * args.delay
     held = {"handle": handle, "at_once": args.delay is not None}
-    faults = [parse_fault(text) for text in args.fault]
     with Progress() as progress:
 
         def say(part: float) -> None:
