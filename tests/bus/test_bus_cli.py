@@ -205,7 +205,7 @@ def test_device_file_with_a_mistake_is_refused(tmp_path: Path, content: str, tex
 def test_operator_path_is_read_row_by_period(tmp_path: Path) -> None:
     path = tmp_path / "operator.csv"
     path.write_text("t_s,x_m,y_m,z_m,yaw_rad\n0,0,0.6,0,0\n0.01,0.01,0.6,0,0.1\n", encoding="utf-8")
-    rows = load_path(path, 1e-3)
+    rows = load_path(path, np.zeros(3), 1e-3)
     assert rows is not None
     assert rows.shape == (11, 6)
     assert rows[5] == pytest.approx([0.005, 0.6, 0.0, 0.05, 0.0, 0.0])

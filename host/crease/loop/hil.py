@@ -127,6 +127,17 @@ def lead_in(
     return np.concatenate([way, np.repeat(targets[:1], settle_ticks, axis=0)])
 
 
+def operator_way(
+    path: Trajectory, config: Any, start_m: F64, period_s: float = 1e-3
+) -> tuple[F64, F64]:
+    """What the hand does from where the device stands (tip, frame of the base): lead, then along the path; (n, 6) each.
+
+    Errors: LoopError: out of reach.
+    """
+    targets = hand_targets(resample(path, period_s), config)
+    return lead_in(targets, start_m), targets
+
+
 class Loop:
     """Servo and drives in one process, in lock-step, all in C (host/native/lockstep.c): the same inputs give the same
     frames to the bit."""
@@ -318,8 +329,8 @@ def run_inprocess(
     """
     loop = Loop(scene, config, params, faults, at_once, handle=handle)
     loop.on_frame = on_frame
-    targets = hand_targets(resample(path), loop.config)
-    loop.bring_up(lead_in(targets, loop.drives.state.tip_pos_m))
+    lead, targets = operator_way(path, loop.config, loop.drives.state.tip_pos_m)
+    loop.bring_up(lead)
     loop.command(int(lib.CR_COMMAND_START))
     start = loop.ticks
     for at in range(0, len(targets), PROGRESS_TICKS):
@@ -362,8 +373,7 @@ def run_socketcan(
     import sys
 
     config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
-    targets = hand_targets(resample(path), config)
-    lead = lead_in(targets, np.array([0.0, np.sqrt(2.0) * 0.45, 0.0]))
+    lead, targets = operator_way(path, config, np.array([0.0, np.sqrt(2.0) * 0.45, 0.0]))
     seconds = (len(lead) + len(targets)) * 1e-3
     with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
         operator, device = Path(folder) / "operator.csv", Path(folder) / "device.toml"

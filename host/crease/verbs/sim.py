@@ -22,7 +22,7 @@ from crease.bus.drives import (
     WristParams,
     fault_out_of_range,
 )
-from crease.replay.trajectory import place_of_row, stack_columns
+from crease.replay.trajectory import COLUMNS, load_trajectory, place_of_row, stack_columns
 from crease.verbs.common import SubParsers, add_json, number, print_either, warn
 
 PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")
@@ -52,7 +52,10 @@ def add_parser(sub: SubParsers) -> None:
         "--operator",
         metavar="PATH.csv",
         type=Path,
-        help="targets of the hand: t_s,x_m,y_m,z_m, perhaps yaw_rad,pitch_rad,roll_rad; starts with the drives enabled",
+        help="a path of the tool, t_s,x_m,y_m,z_m,qw,qx,qy,qz, in the world, as for `crease hil`: the hand goes to its "
+        "first pose in 0.6 s, rests 0.4 s and leads it along, by the arm of the default device; or without qw..qz "
+        "targets of the tip in the frame of the device's base, as they are, perhaps with yaw_rad,pitch_rad,roll_rad. "
+        "Starts with the drives enabled",
     )
     parser.add_argument(
         "--device",
@@ -152,14 +155,24 @@ def load_params(path: Path | None) -> Params:
     return load_device(path)[0]
 
 
-def load_path(path: Path | None, period_s: float) -> F64 | None:
-    """Targets of the operator, one row a period: tip m, wrist rad; shape (n, 6).
+def load_path(path: Path, start_m: F64, period_s: float) -> F64:
+    """Targets of the operator, one row a period: tip m, frame of the base, wrist rad; shape (n, 6).
 
-    Errors: TableError, TrajectoryError, BusError with file and line.
+    start_m: where the tip stands; a path of the tool in the world is led up to from there.
+    Errors: TableError, TrajectoryError, BusError with file and line; LoopError for a pose that is out of reach.
     """
-    if path is None:
-        return None
     known = column_names(path)
+    if set(known) & set(COLUMNS[4:]):
+        from crease.base.native import ffi, lib
+        from crease.loop.hil import operator_way
+
+        if both := [name for name in WRIST_COLUMNS if name in known]:
+            raise BusError(
+                f"{path}: has {both[0]} beside the quaternion; a path of the tool has qw..qz alone, targets of the tip "
+                "the angles of the wrist"
+            )
+        config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
+        return np.concatenate(operator_way(load_trajectory(path), config, start_m, period_s))
     given = (*PATH_COLUMNS, *(name for name in WRIST_COLUMNS if name in known))
     columns = read_table(path, given)
     rows = stack_columns(path, columns, given)
@@ -197,8 +210,9 @@ def run(args: argparse.Namespace) -> None:
         wall_clock=args.wall_clock,
         now_us=now_us(),
         faults=parse_faults(args.fault),
-        path=load_path(args.operator, params.period_s),
     )
+    if args.operator is not None:
+        drives.set_path(load_path(args.operator, drives.state.tip_pos_m, params.period_s))
     lost = _run_socketcan(args, drives) if args.interface == "socketcan" else _run_any(args, drives)
     counters = drives.counters
     warnings = never_acted(args.fault, counters.ticks, counters.faults_done)
