@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
-from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table
+from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table, slack_text
 from crease.loop.hil import Loop, hand_targets, lead_in, resample, run_inprocess
 from crease.replay import recording as rec
 from crease.replay.measures import buzz_m_s2
@@ -325,3 +325,12 @@ def test_hil_says_of_a_fault_that_it_never_acted(
         "hil", scene_crs, "--operator", slow_press_csv, "-o", tmp_path / "a.crr", "--fault", fault
     )
     assert (f"warning: --fault {fault}: {said}" in out.err) == bool(said), out.err
+
+
+def test_slack_is_of_the_ticks_of_a_loop_that_runs() -> None:
+    modes = [lib.CR_MODE_BUS_UP, lib.CR_MODE_CALIBRATING, lib.CR_MODE_RENDERING, lib.CR_MODE_FAULT]
+    table = {"mode": np.array(modes), "torque_us": np.array([700.0, 510.0, 520.0, 700.0])}
+    assert slack_text(table) == "least slack 480 us"
+    assert slack_text({name: column[:1] for name, column in table.items()}) == (
+        "no tick with the drives up"
+    )
