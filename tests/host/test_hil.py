@@ -51,7 +51,7 @@ def test_hil_renders_the_contact_without_a_fault(
         "--json",
     )
     assert said.status == 0, said.err
-    assert said.json["faults"] == []
+    assert (said.json["faulted"], said.json["faults"]) == (False, [])
     assert said.json["ticks_rendering"] >= 900
     assert said.json["ticks_in_contact"] > 400
     assert 0.3 < said.json["force_max_N"] < 3.0
@@ -193,8 +193,10 @@ def test_fault_of_a_simulated_drive_zeroes_the_torque_and_is_in_the_recording(
     said = crease(
         "hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--fault", fault, "--json"
     )
-    assert said.status == 0, said.err
-    assert name in said.json["faults"]
+    assert said.status == 4, said.err
+    assert said.json["faulted"] is True
+    assert name in said.json["first_faults"]
+    assert set(said.json["faults"]) >= set(said.json["first_faults"])
     recording = rec.load_recording(path)
     rows = recording.rows
     first = int(np.flatnonzero(rows["faults"])[0])
@@ -334,3 +336,16 @@ def test_slack_is_of_the_ticks_of_a_loop_that_runs() -> None:
     assert slack_text({name: column[:1] for name, column in table.items()}) == (
         "no tick with the drives up"
     )
+
+
+def test_hil_tells_all_faults_the_first_marked(
+    tmp_path: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
+) -> None:
+    words = ["hil", scene_crs, "--operator", slow_press_csv, "-o", tmp_path / "a.crr"]
+    faults = ["silent:tick=1600,ticks=50,axis=Y", "drive_error:tick=1700,axis=X,value=0x2310"]
+    said = crease(*words, *(word for fault in faults for word in ("--fault", fault)))
+    assert said.status == 4
+    last = said.out.splitlines()[-1]
+    assert last.startswith("faults ")
+    assert "silent (first)" in last
+    assert "emcy" in last

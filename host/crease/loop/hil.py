@@ -448,6 +448,7 @@ def describe(result: LoopResult) -> dict[str, object]:
     counters = rows["counters"][-1]
     force_N = np.linalg.norm(rendered["force_N"], axis=1)
     first = rows["faults"][np.flatnonzero(rows["faults"])[:1]]
+    every = int(np.bitwise_or.reduce(rows["faults"], initial=0))
     report: dict[str, object] = {
         "ticks": len(rows),
         "ticks_rendering": int(counters["ticks_rendering"]),
@@ -457,7 +458,9 @@ def describe(result: LoopResult) -> dict[str, object]:
         "force_max_N": float(force_N.max(initial=0.0)),
         "depth_max_m": float(rendered["depth_m"].max(initial=0.0)),
         "energy_max_J": float(rendered["energy_J"].max(initial=0.0)),
-        "faults": fault_names(int(first[0])) if len(first) else [],
+        "faulted": every != 0,
+        "faults": fault_names(every),
+        "first_faults": fault_names(int(first[0])) if len(first) else [],
         "missing": int(counters["missing"].sum()),
         "late": int(counters["late"]),
         "overruns": int(counters["overruns"]),

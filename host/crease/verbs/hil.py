@@ -37,7 +37,7 @@ def add_parser(sub: SubParsers) -> None:
         help="close the loop: servo, bus, drives, mechanism and operator along a path",
         description="An operator leads the tool along a path while the servo of the firmware renders the contact. "
         "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. "
-        "socketcan: `creased` and `crease sim` on a real interface.",
+        "socketcan: `creased` and `crease sim` on a real interface. Exit status 4 when the servo stopped in fault.",
     )
     add_scene(parser)
     parser.add_argument(
@@ -131,8 +131,15 @@ _ELSEWHERE = {
 """What to do on a real interface about the options that this program cannot give."""
 
 
-def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
+FAULTED = 4
+"""Exit status of a servo that stopped in fault, as of creased."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Output: 0; 4: the servo stopped in fault, and the outputs are there all the same.
+
+    Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up.
+    """
     from crease.base.ending import raising
     from crease.base.errors import UsageError
     from crease.bus.transport import check_bitrate, check_channel
@@ -174,6 +181,7 @@ def run(args: argparse.Namespace) -> None:
         write_table(args.table, _table(result))
     report = {"output": str(args.output), "transport": args.interface, **describe(result)}
     print_either(args.json, report, _lines(report))
+    return FAULTED if report["faulted"] else 0
 
 
 def _handle_of(args: argparse.Namespace) -> Any:
@@ -278,7 +286,10 @@ def _table(result: Any) -> dict[str, Any]:
 def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
     held = "torque_max_Nm" in report
     coupling = report["couple_faults"] if held else 0
-    faults = ", ".join([*report["faults"], *([f"coupling {coupling:#x}"] if coupling else [])])
+    first = report["first_faults"]
+    marked = [f"{name} (first)" for name in first]
+    marked += [name for name in report["faults"] if name not in first]
+    faults = ", ".join([*marked, *([f"coupling {coupling:#x}"] if coupling else [])])
     lines = [
         ("table" if held else "recording", report["output"]),
         ("transport", report["transport"]),
