@@ -165,3 +165,23 @@ def test_sim_and_creased_render_a_path_without_a_fault(
     pressed = rows[rows["areas"] > 0]
     assert len(pressed) > 50
     assert 0.3 < np.linalg.norm(pressed["force_N"], axis=1).max() < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.quiet
+def test_creased_names_the_drive_and_its_error_code(
+    tmp_path: Path, scene_crs: Path, into_csv: Path, crease: Run, served: Any
+) -> None:
+    fault = "drive_error:tick=600,axis=Y,value=0x2310"
+    bus = served(crease, "--fault", fault, "--seconds", "9")
+    (tmp_path / "device.toml").write_text(DEVICE, encoding="ascii")
+    words = [CREASED, "--config", tmp_path / "device.toml", "--interface", bus]
+    words += ["--exit-on-fault", "--seconds", "8", scene_crs]
+    said = subprocess.run(
+        [str(word) for word in words], capture_output=True, text=True, check=False,
+        stdin=subprocess.DEVNULL, timeout=60,
+    )  # fmt: skip
+    assert said.returncode == 4, said.stdout + said.stderr
+    assert re.search(r": fault:[ a-z-]* emcy; drive Y \(node 0x12\): 0x2310\n", said.stdout), (
+        said.stdout
+    )
