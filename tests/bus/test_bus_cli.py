@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -303,3 +305,28 @@ def test_a_fault_that_never_acted_is_said() -> None:
     assert said.err == "warning: --fault drop:tick=7,id=0x191: never came; the drives saw 0 SYNC\n"
     assert "injected  0 faults\n" in said.out
     assert len(json.loads(crease(*words, "--json").out)["warnings"]) == 1
+
+
+def test_a_log_that_is_none_is_told_by_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("(1.5) vcan0 191#00\njunk\n", encoding="ascii")
+    said = crease("bus", "--read", path)
+    assert said.status == 1
+    assert said.err.startswith(f"error: {path}: line 2 is no candump line")
+    assert said.err.count("\n") == 1
+
+
+def test_a_bus_that_cannot_be_opened_is_one_line_without_those_of_its_library() -> None:
+    words = [sys.executable, "-m", "crease", "sim", "-i", "udp_multicast", "-c", "1.2"]
+    said = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert said.returncode == 1
+    assert said.stderr.startswith("error: udp_multicast 1.2: cannot be opened: ")
+    assert said.stderr.endswith("; see python-can's page of this interface\n")
+    assert said.stderr.count("\n") == 1
+
+
+def test_a_kernel_without_socketcan_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crease.bus.transport._has_socketcan", lambda: False)
+    said = crease("sim", "-i", "socketcan", "-c", "vcan77")
+    assert "there is no such interface; make it: " in said.err
+    assert said.err.endswith("this kernel has no SocketCAN\n")

@@ -158,3 +158,15 @@ def test_a_glb_with_extensions_that_change_nothing_is_read_in_silence(
 
     assert len(load_mesh(glb(tmp_path / "box.glb", change), "m").triangles) == 12
     assert capfd.readouterr().err == ""
+
+
+def test_an_stl_in_text_without_facets_has_no_triangles(tmp_path: Path) -> None:
+    said = refusal(tmp_path / "a.stl", "solid a\nendsolid a\n")
+    assert said == "has no triangles; export the surface, not points or curves"
+
+
+def test_a_binary_stl_of_another_name_is_told_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_bytes(trimesh.creation.box().export(file_type="stl"))
+    with pytest.raises(MeshError, match=r"is no OBJ but a binary STL; name it \.stl"):
+        load_mesh(path, "m")
