@@ -1,7 +1,7 @@
 """The command `crease`: one module of crease.verbs for each verb.
 
-Exit status: 0 done; 1 with one line `error: ...` on stderr; 2 the same for a wrong command line; an interrupt ends the
-process as its signal does, 130 to a shell.
+Exit status: 0 done; 1 with one line `error: ...` on stderr; 2 the same for a wrong command line; 4 a
+servo that stopped in fault, as of creased; an interrupt ends the process as its signal does, 130 to a shell.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def make_parser(verbs: Sequence[str] = VERBS) -> argparse.ArgumentParser:
         prog="crease",
         description="Stable haptic contact between a rigid tool and a rigid mock-up.",
         epilog="`crease VERB --help` tells what a verb takes. Lengths have a unit, such as 2mm. Exit status: 0 done, "
-        "1 an error, 2 a wrong command line, 130 interrupted.",
+        "1 an error, 2 a wrong command line, 4 a servo that stopped in fault (hil), 130 interrupted.",
     )
     parser.add_argument("--version", action="version", version=f"crease {VERSION}")
     sub = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
@@ -98,8 +98,9 @@ def run_line(
     try:
         args = (parser or parser_for(words)).parse_args(words)
         with command_line():
-            args.run(args)
+            status = args.run(args)
             sys.stdout.flush()
+            return int(status or 0)
     except UsageError as error:
         print(f"error: {error}; see `crease {words[0]} --help`", file=sys.stderr)
         return 2
@@ -117,7 +118,6 @@ def run_line(
                 f"error: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr
             )
         return 1
-    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -146,7 +148,19 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
             ["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,axis=Q"],
             "'axis=Q' is not understood", 2,
         ),
-        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=0x800"], "out of range", 1),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=0x800"],
+         "fault 'drop:tick=1,id=0x800': id 0x800 is out of range, 0x0..0x7ff", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=-1"], "tick -1 is out of range, 0..4294967295", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=99999999999"], "tick 99999999999 is out of", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,ticks=-3"], "ticks -3 is out of range, 1..", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,ticks=0"], "ticks 0 is out of range, 1..", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,id=-1"], "id -0x1 is out of range, 0x0..0x7ff", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drive_error:tick=1,value=65536"],
+         "value 65536 is out of range, 0..65535, an error code of 16 bits", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "encoder_jump:tick=1,value=99999999999"],
+         "value 99999999999 is out of range, -2147483648..2147483647, counts", 2),
+        (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,tick=2"], "tick is given twice", 2),
+        (["sim", "-i", "virtual", "-c", "x", *["--fault", "drop:tick=1"] * 65], "65 are too many; at most 64", 2),
         (
             ["sim", "-i", "virtual", "-c", "x", "--operator", "/nowhere.csv"],
             "there is no such file", 1,
@@ -193,7 +207,7 @@ def test_device_file_with_a_mistake_is_refused(tmp_path: Path, content: str, tex
 def test_operator_path_is_read_row_by_period(tmp_path: Path) -> None:
     path = tmp_path / "operator.csv"
     path.write_text("t_s,x_m,y_m,z_m,yaw_rad\n0,0,0.6,0,0\n0.01,0.01,0.6,0,0.1\n", encoding="utf-8")
-    rows = load_path(path, 1e-3)
+    rows = load_path(path, np.zeros(3), 1e-3)
     assert rows is not None
     assert rows.shape == (11, 6)
     assert rows[5] == pytest.approx([0.005, 0.6, 0.0, 0.05, 0.0, 0.0])
@@ -272,3 +286,47 @@ def test_interface_that_fails_gets_one_clear_line(
         1,
         "error: broken wire: the interface failed: the wire is cut\n",
     )
+
+
+def test_a_fault_that_never_acted_is_said() -> None:
+    words = (
+        "sim",
+        "-i",
+        "virtual",
+        "-c",
+        "quiet",
+        "--seconds",
+        "0.05",
+        "--fault",
+        "drop:tick=7,id=0x191",
+    )
+    said = crease(*words)
+    assert said.status == 0
+    assert said.err == "warning: --fault drop:tick=7,id=0x191: never came; the drives saw 0 SYNC\n"
+    assert "injected  0 faults\n" in said.out
+    assert len(json.loads(crease(*words, "--json").out)["warnings"]) == 1
+
+
+def test_a_log_that_is_none_is_told_by_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("(1.5) vcan0 191#00\njunk\n", encoding="ascii")
+    said = crease("bus", "--read", path)
+    assert said.status == 1
+    assert said.err.startswith(f"error: {path}: line 2 is no candump line")
+    assert said.err.count("\n") == 1
+
+
+def test_a_bus_that_cannot_be_opened_is_one_line_without_those_of_its_library() -> None:
+    words = [sys.executable, "-m", "crease", "sim", "-i", "udp_multicast", "-c", "1.2"]
+    said = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert said.returncode == 1
+    assert said.stderr.startswith("error: udp_multicast 1.2: cannot be opened: ")
+    assert said.stderr.endswith("; see python-can's page of this interface\n")
+    assert said.stderr.count("\n") == 1
+
+
+def test_a_kernel_without_socketcan_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crease.bus.transport._has_socketcan", lambda: False)
+    said = crease("sim", "-i", "socketcan", "-c", "vcan77")
+    assert "there is no such interface; make it: " in said.err
+    assert said.err.endswith("this kernel has no SocketCAN\n")

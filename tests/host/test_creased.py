@@ -26,7 +26,7 @@ import numpy.typing as npt
 import pytest
 from crease.base.native import lib
 from crease.base.scene import open_scene
-from crease.replay.recording import RECORD, load_recording, rerun
+from crease.replay.recording import RECORD, fault_names, load_recording, rerun
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.quiet
@@ -433,6 +433,20 @@ def test_drive_of_another_make_is_named_with_what_was_found(
     assert status == 4
     want = "fault: mismatch; drive X (node 0x11): 0x1018:1 is 0 (0x0), must be 7 (0x7)\n"
     assert want in text
+
+
+def test_record_that_is_a_folder_is_refused(tmp_path: Path, scene_crs: Path) -> None:
+    with running(tmp_path, scene_crs, record=tmp_path) as run:
+        status, text = end_of(run)
+    assert (status, text) == (1, f"error: {tmp_path}: is a folder; name a file\n")
+
+
+def test_help_lists_the_words_of_a_fault() -> None:
+    said = subprocess.run([CREASED, "--help"], capture_output=True, text=True, check=True).stdout
+    words = re.split(r",\s+", said.split("its error code (0x603F):\n")[1].strip().rstrip("."))
+    texts = [1 << bit for bit in range(int(lib.CR_FAULT_COUNT))]
+    assert words == [name for bit in texts for name in fault_names(bit)]
+    assert max(len(line) for line in said.splitlines()) <= 120
 
 
 def test_unknown_command_is_said_and_changes_nothing(tmp_path: Path, scene_crs: Path) -> None:

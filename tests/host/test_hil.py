@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
-from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table
+from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table, slack_text
 from crease.loop.hil import Loop, hand_targets, lead_in, resample, run_inprocess
 from crease.replay import recording as rec
 from crease.replay.measures import buzz_m_s2
@@ -51,7 +51,7 @@ def test_hil_renders_the_contact_without_a_fault(
         "--json",
     )
     assert said.status == 0, said.err
-    assert said.json["faults"] == []
+    assert (said.json["faulted"], said.json["faults"]) == (False, [])
     assert said.json["ticks_rendering"] >= 900
     assert said.json["ticks_in_contact"] > 400
     assert 0.3 < said.json["force_max_N"] < 3.0
@@ -193,8 +193,10 @@ def test_fault_of_a_simulated_drive_zeroes_the_torque_and_is_in_the_recording(
     said = crease(
         "hil", scene_crs, "--operator", slow_press_csv, "-o", path, "--fault", fault, "--json"
     )
-    assert said.status == 0, said.err
-    assert name in said.json["faults"]
+    assert said.status == 4, said.err
+    assert said.json["faulted"] is True
+    assert name in said.json["first_faults"]
+    assert set(said.json["faults"]) >= set(said.json["first_faults"])
     recording = rec.load_recording(path)
     rows = recording.rows
     first = int(np.flatnonzero(rows["faults"])[0])
@@ -308,3 +310,42 @@ def test_slow_edge_is_quiet_and_without_a_fault(scene_crs: Path, folder: Path) -
     assert int(rows["counters"]["faults"][-1]) == 0
     along = result.mechanism["tip_acc_m_s2"][result.path_start + 500 :]
     assert buzz_m_s2(along) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("drop:tick=90000,id=0x191", "never came; the drives saw "),
+        ("drop:tick=1600,id=0x7f", "never acted; no frame or drive that it is about came in its ticks"),
+        ("drop:tick=1600,id=0x191", ""),
+    ],
+)  # fmt: skip
+def test_hil_says_of_a_fault_that_it_never_acted(
+    tmp_path: Path, scene_crs: Path, slow_press_csv: Path, crease: Run, fault: str, said: str
+) -> None:
+    out = crease(
+        "hil", scene_crs, "--operator", slow_press_csv, "-o", tmp_path / "a.crr", "--fault", fault
+    )
+    assert (f"warning: --fault {fault}: {said}" in out.err) == bool(said), out.err
+
+
+def test_slack_is_of_the_ticks_of_a_loop_that_runs() -> None:
+    modes = [lib.CR_MODE_BUS_UP, lib.CR_MODE_CALIBRATING, lib.CR_MODE_RENDERING, lib.CR_MODE_FAULT]
+    table = {"mode": np.array(modes), "torque_us": np.array([700.0, 510.0, 520.0, 700.0])}
+    assert slack_text(table) == "least slack 480 us"
+    assert slack_text({name: column[:1] for name, column in table.items()}) == (
+        "no tick with the drives up"
+    )
+
+
+def test_hil_tells_all_faults_the_first_marked(
+    tmp_path: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
+) -> None:
+    words = ["hil", scene_crs, "--operator", slow_press_csv, "-o", tmp_path / "a.crr"]
+    faults = ["silent:tick=1600,ticks=50,axis=Y", "drive_error:tick=1700,axis=X,value=0x2310"]
+    said = crease(*words, *(word for fault in faults for word in ("--fault", fault)))
+    assert said.status == 4
+    last = said.out.splitlines()[-1]
+    assert last.startswith("faults ")
+    assert "silent (first)" in last
+    assert "emcy" in last

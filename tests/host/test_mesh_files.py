@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import struct
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import trimesh
@@ -90,3 +94,79 @@ def test_a_binary_ply_that_is_cut_off_is_told_so(tmp_path: Path) -> None:
     path.write_bytes(trimesh.creation.icosphere(1).export(file_type="ply")[:-5])
     with pytest.raises(MeshError, match="it is not as long as its head says"):
         load_mesh(path, 1e-3)
+
+
+def glb(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    """A box of 10 mm as GLB, its JSON changed."""
+    data = trimesh.creation.box((0.01, 0.01, 0.01)).export(file_type="glb")
+    size = int.from_bytes(data[12:16], "little")
+    told, rest = json.loads(data[20 : 20 + size]), data[20 + size :]
+    change(told)
+    text = json.dumps(told).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sII", b"glTF", 2, 20 + len(text) + len(rest))
+    path.write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + rest)
+    return path
+
+
+def position(told: dict[str, Any]) -> dict[str, Any]:
+    """The accessor of the vertices."""
+    index = told["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    found: dict[str, Any] = told["accessors"][index]
+    return found
+
+
+DRACO = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda told: told.update(extensionsRequired=["KHR_draco_mesh_compression"]),
+         "needs the extension KHR_draco_mesh_compression, which is not read; export it without compression"),
+        (lambda told: told.update(extensionsRequired=["EXT_meshopt_compression"]),
+         "needs the extension EXT_meshopt_compression, which is not read; export it without compression"),
+        (lambda told: told.update(extensionsRequired=["KHR_mesh_quantization", "X_y"]),
+         "needs the extension X_y, which is not read; export it without"),
+        (lambda told: told["nodes"][-1].update(extensions={"EXT_mesh_gpu_instancing": {}}),
+         "uses the extension EXT_mesh_gpu_instancing, which is not read; export every instance as a node of its own"),
+        (lambda told: position(told).update(sparse={"count": 1}),
+         "mesh 0: accessor 1 is sparse, which is not read; export it without sparse accessors"),
+        (lambda told: position(told).update(normalized=True, componentType=5122),
+         "mesh 0: accessor 1 holds normalized integers, which are not read; export it with positions as float"),
+        (lambda told: position(told).pop("bufferView"),
+         "mesh 0: accessor 1 has no numbers of its own; export it without compression"),
+    ],
+)  # fmt: skip
+def test_a_glb_whose_reader_would_read_it_wrongly_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], change: Any, said: str
+) -> None:
+    path = glb(tmp_path / "box.glb", change)
+    with pytest.raises(MeshError) as caught:
+        load_mesh(path, "m")
+    assert str(caught.value) == f"{path}: {said}"
+    assert capfd.readouterr().err == ""
+
+
+def test_a_glb_with_extensions_that_change_nothing_is_read_in_silence(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def change(told: dict[str, Any]) -> None:
+        told["extensionsRequired"] = ["KHR_mesh_quantization", "KHR_materials_unlit"]
+        told["extensionsUsed"] = [*told["extensionsRequired"], *DRACO]
+        told["meshes"][0]["primitives"][0]["extensions"] = DRACO
+
+    assert len(load_mesh(glb(tmp_path / "box.glb", change), "m").triangles) == 12
+    assert capfd.readouterr().err == ""
+
+
+def test_an_stl_in_text_without_facets_has_no_triangles(tmp_path: Path) -> None:
+    said = refusal(tmp_path / "a.stl", "solid a\nendsolid a\n")
+    assert said == "has no triangles; export the surface, not points or curves"
+
+
+def test_a_binary_stl_of_another_name_is_told_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_bytes(trimesh.creation.box().export(file_type="stl"))
+    with pytest.raises(MeshError, match=r"is no OBJ but a binary STL; name it \.stl"):
+        load_mesh(path, "m")

@@ -38,8 +38,9 @@ static void example_is_the_default(void **state) {
 static void values_arrive_in_their_units(void **state) {
     (void)state;
     device_config d;
-    const char *text = "# first\n[bus]\ninterface = \"vcan7\" # a comment\n\n[fore]\r\nmin_deg = -90 \n rated_Nm=2.5\n"
-                       "[arm]\nbase_position_m = [1, -2.5, 3e-1]\n[control]\nramp_ms = 50\nwindow = 8\n";
+    const char *text =
+        "\xef\xbb\xbf# first\n[bus]\ninterface = \"vcan7\" # a comment\n\n[fore]\r\nmin_deg = -90 \n rated_Nm=2.5\n"
+        "[arm]\nbase_position_m = [1, -2.5, 3e-1]\n[control]\nramp_ms = 50\nwindow = 8\n";
     assert_int_equal(device_parse("d", text, &d, error), 0);
     assert_string_equal(d.interface, "vcan7");
     assert_true(fabsf(d.servo.arm.joint_min[2] + 1.5707963f) < 1e-6f && d.servo.axis[2].rated == 2.5f);
@@ -73,6 +74,8 @@ static void every_mistake_has_its_line(void **state) {
         {"[arm]\nupper_m = 1e999\n", "is not a number"},
         {"[arm]\nupper_m =\n", "is not a number"},
         {"[arm]\nupper_m = 0.4 m\n", "'m' stands after the value"},
+        {"[arm]\nupper_m = 450 mm\n", "'mm' stands after the value"},
+        {"[loop]\nperiod_us = 1_000\n", "'_000' stands after the value"},
         {"[arm]\nbase_position_m = 1\n", "needs 3 numbers"},
         {"[arm]\nbase_position_m = [1, 2]\n", "needs 3 numbers"},
         {"[arm]\nbase_position_m = [1, 2, 3, 4]\n", "needs 3 numbers"},

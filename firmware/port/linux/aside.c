@@ -16,6 +16,8 @@
 #define FILE_PATIENCE_MS 5000
 #define TEXT_PATIENCE_MS 1000
 #define SDO_NO_ANSWER 0xffffffffu
+#define NODE_FIRST 0x11u /* of drive X */
+#define EMCY_BASE 0x680u /* firmware/servo/SPEC.md */
 
 static void nap(long ms) {
     const struct timespec t = {ms / 1000, ms % 1000 * 1000000L};
@@ -80,12 +82,38 @@ static void print_bits(uint32_t bits, const char *(*text)(uint32_t)) {
     }
 }
 
+static void print_drive(uint32_t axis) {
+    printf("; drive %c (node 0x%02x)", (int)"XYZ"[axis], (unsigned)(NODE_FIRST + axis));
+}
+
+/* The emergency that came in this tick, or which drive it last was.   Output  0: none of either. */
+static int print_drive_fault(const cr_record *r) {
+    for (uint32_t i = 0; i < r->frame_count && i < CR_RX_MAX; i++) {
+        const cr_frame *f = &r->frames[i];
+        const uint32_t axis = (uint32_t)f->id - (EMCY_BASE + NODE_FIRST);
+        const unsigned code = f->size >= 2u ? f->data[0] | (unsigned)f->data[1] << 8 : 0u;
+        if (axis < CR_AXES && code != 0u) {
+            print_drive(axis);
+            printf(": 0x%04x", code);
+            return 1;
+        }
+    }
+    const int known = (r->faults & CR_FAULT_EMCY) == 0u && r->trouble_axis < CR_AXES;
+    if (known) {
+        print_drive(r->trouble_axis);
+    }
+    return known;
+}
+
 static void print_reason(const cr_record *r) {
+    if ((r->faults & (CR_FAULT_DRIVE | CR_FAULT_EMCY)) != 0u && print_drive_fault(r) != 0) {
+        return;
+    }
     if ((r->faults & (CR_FAULT_SDO | CR_FAULT_MISMATCH)) == 0u || r->trouble_axis >= CR_AXES) {
         return;
     }
-    printf("; drive %c (node 0x%02x): 0x%04x:%u ", (int)"XYZ"[r->trouble_axis], 0x11u + (unsigned)r->trouble_axis,
-           (unsigned)(r->sdo_object >> 8), (unsigned)(r->sdo_object & 0xffu));
+    print_drive(r->trouble_axis);
+    printf(": 0x%04x:%u ", (unsigned)(r->sdo_object >> 8), (unsigned)(r->sdo_object & 0xffu));
     if ((r->faults & CR_FAULT_MISMATCH) != 0u) {
         printf("is %u (0x%x), must be %u (0x%x)", (unsigned)r->sdo_found, (unsigned)r->sdo_found,
                (unsigned)r->sdo_wanted, (unsigned)r->sdo_wanted);

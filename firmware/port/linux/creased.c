@@ -21,12 +21,15 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
 enum { EXIT_DONE = 0, EXIT_RECORD = 1, EXIT_USAGE = 2, EXIT_BUS = 3, EXIT_FAULT = 4 };
 
 #define ALIGN 64u
+#define FAULT_TICKS                                                                                                    \
+    2 /* in fault before --exit-on-fault ends it: the emergency with the reason comes behind the states */
 #define STOP_TICKS 3 /* zero torque, then off: so many periods before the port closes */
 
 typedef struct {
@@ -166,12 +169,14 @@ static void run_loop(daemon_state *d) {
     uint64_t due_ns = can_now_ns() + period_ns, last_ns = 0u;
     const uint64_t end_ns = d->opt.seconds > 0.0 ? due_ns + (uint64_t)(d->opt.seconds * 1e9) : UINT64_MAX;
     uint64_t idle_ns = 0u; /* when idle began */
+    uint32_t faulted = 0u; /* periods in fault */
     int stopping = 0, start_due = d->opt.start;
     while (stopping < STOP_TICKS) {
         sleep_until(due_ns);
         uint32_t mode = cr_servo_get_status(d->servo).mode;
+        faulted = mode == CR_MODE_FAULT ? faulted + 1u : 0u;
         int stop = atomic_load(&stop_asked) || atomic_load(&d->beside.quit) || due_ns >= end_ns ||
-                   (d->opt.exit_on_fault && mode == CR_MODE_FAULT);
+                   (d->opt.exit_on_fault && faulted >= FAULT_TICKS);
         if (stop && stopping == 0) {
             d->final_mode = mode;
             d->final_faults = cr_servo_get_status(d->servo).faults;
@@ -228,7 +233,15 @@ static void help(void) {
         "start renders, stop ends it, clear leaves a fault and begins again, quit or Ctrl-C ends.\n"
         "A watchdog ([loop] watchdog) and systemd (Type=notify, WatchdogSec=) are told that the loop runs.\n"
         "Exit status: 0 stopped as asked; 1 the record could not be written; 2 wrong command line, configuration\n"
-        "or scene; 3 the bus cannot be reached, or not all drives answered; 4 stopped in fault.\n");
+        "or scene; 3 the bus cannot be reached, or not all drives answered; 4 stopped in fault.\n"
+        "Words of a fault, those of drive and emcy with the drive and its error code (0x603F):\n");
+    uint32_t column = 0u;
+    for (uint32_t i = 0; i < (uint32_t)CR_FAULT_COUNT; i++) {
+        const int last = i + 1u == (uint32_t)CR_FAULT_COUNT;
+        column += (uint32_t)printf("%s%s", cr_servo_fault_text(1u << i), last ? "." : ",");
+        printf("%s", last || column > 80u ? "\n" : " ");
+        column = column > 80u ? 0u : column;
+    }
 }
 
 static int read_seconds(const char *text, double *out) {
@@ -343,7 +356,13 @@ static int open_record(daemon_state *d) {
     }
     const int flags = O_WRONLY | O_CREAT | O_CLOEXEC | (d->opt.force ? O_TRUNC : O_EXCL);
     d->beside.file = open(d->opt.record_path, flags, 0666);
-    if (d->beside.file < 0 && errno == EEXIST) {
+    const int why = errno;
+    struct stat found;
+    if (d->beside.file < 0 && stat(d->opt.record_path, &found) == 0 && S_ISDIR(found.st_mode)) {
+        snprintf(text, sizeof text, "%s: is a folder; name a file", d->opt.record_path);
+        return complain(EXIT_RECORD, text);
+    }
+    if (d->beside.file < 0 && why == EEXIST) {
         snprintf(text, sizeof text, "%s: is there already; --force replaces it", d->opt.record_path);
         return complain(EXIT_RECORD, text);
     }

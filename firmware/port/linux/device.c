@@ -188,6 +188,9 @@ static int read_number(reader *r, const entry *e, char **at, double *out) {
     if (toml_number(at, out) != 0) {
         return fail(r, "%s: '%s' is not a number", e->key, *at);
     }
+    if (e->count == 1u && **at != '\0') {
+        return fail(r, "%s: '%s' stands after the value", e->key, *at);
+    }
     if (e->low == e->high && *out != e->low) {
         return fail(r, "%s = %.9g: only %.9g is possible", e->key, *out, e->low);
     }
@@ -264,7 +267,8 @@ static int read_line(reader *r, toml_kind what, const char *name, char *value) {
 int device_parse(const char *name, const char *text, device_config *device, char error[DEVICE_TEXT_MAX]) {
     device_config read = device_default();
     reader r = {name, 0, NULL, {0}, {0}, &read, error};
-    toml_reader lines = {.at = text};
+    static const char mark[] = "\xef\xbb\xbf"; /* that some editors put before UTF-8 */
+    toml_reader lines = {.at = strncmp(text, mark, sizeof mark - 1u) == 0 ? text + sizeof mark - 1u : text};
     char *key, *value;
     for (toml_kind what; (what = toml_next(&lines, &key, &value)) != TOML_END;) {
         r.line = lines.line;

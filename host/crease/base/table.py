@@ -390,6 +390,11 @@ def read_table(path: Path, wanted: tuple[str, ...] = ()) -> dict[str, Column]:
             return read_csv(path, wanted)
         case ".npz":
             columns = load_npz(path)
+        case ".crr":
+            raise TableError(
+                f"{path}: is a recording of the loop, no path and no table; `crease replay SCENE.crs {path.name} -o "
+                "TABLE.csv` makes a table of it, `crease plot` draws it"
+            )
         case _:
             raise TableError(
                 f"{path}: is no path and no table: the suffix is neither .csv nor .npz; give one of these"

@@ -60,6 +60,36 @@ class Fault:
     value: int = 0
 
 
+TICK_MAX = 2**32 - 1
+ID_MAX = 0x7FF
+VALUES = {
+    "delay": (0, 2**31 - 1, "ticks"),
+    "corrupt": (0, ID_MAX, "a byte, and 256 for each byte before it"),
+    "babble": (0, 2**31 - 1, "frames a tick"),
+    "encoder_jump": (-(2**31), 2**31 - 1, "counts"),
+    "drive_error": (0, 0xFFFF, "an error code of 16 bits"),
+}
+"""What the value of a fault may be, and what it is; of other kinds it says nothing."""
+
+
+def fault_out_of_range(fault: Fault) -> str:
+    """Which part of a fault is out of which range; empty: none."""
+    low, high, what = VALUES.get(fault.kind, (-(2**31), 2**31 - 1, ""))
+    for name, value, least, most in (
+        ("tick", fault.tick, 0, TICK_MAX),
+        ("ticks", fault.ticks, 1, TICK_MAX),
+        ("id", fault.id, 0, ID_MAX),
+        ("axis", fault.axis or 0, 0, AXES - 1),
+        ("value", fault.value, low, high),
+    ):
+        if not least <= value <= most:
+            shown = f"{least:#x}..{most:#x}" if name == "id" else f"{least}..{most}"
+            told = f"{value:#x}" if name == "id" else str(value)
+            more = f", {what}" if name == "value" and what else ""
+            return f"{name} {told} is out of range, {shown}{more}"
+    return ""
+
+
 @dataclass(frozen=True)
 class MechState:
     """The mechanism as nobody on the bus knows it. Units: m, rad, N, N m, s; arrays of 3."""
@@ -243,17 +273,21 @@ class Drives:
 
     def set_faults(self, faults: Sequence[Fault]) -> None:
         """Replace the fault table.   Errors: BusError for a row that is out of range."""
+        if len(faults) > lib.CR_SIM_FAULTS_MAX:
+            raise BusError(f"{len(faults)} faults are too many; at most {lib.CR_SIM_FAULTS_MAX}")
         rows = ffi.new("cr_sim_fault[]", max(len(faults), 1))
         for row, fault in zip(rows, faults, strict=False):
             if fault.kind not in FAULT_KINDS:
                 raise BusError(
                     f"fault '{fault.kind}' is not known; use one of {', '.join(FAULT_KINDS)}"
                 )
+            if wrong := fault_out_of_range(fault):
+                raise BusError(f"fault {fault.kind}: {wrong}")
             row.kind, row.tick, row.ticks = FAULT_KINDS[fault.kind], fault.tick, fault.ticks
             row.axis = lib.CR_SIM_ANY_AXIS if fault.axis is None else fault.axis
             row.id, row.direction, row.value = fault.id, int(fault.to_drives), fault.value
         if lib.cr_sim_set_faults(self.c, rows, len(faults)) != 0:
-            raise BusError(f"fault table is too long or has a row out of range: {faults[:3]}...")
+            raise BusError("a fault is out of range; see cr_sim_fault in sim/sim.h")
 
     @property
     def state(self) -> MechState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -49,6 +50,17 @@ def check_bitrate(bitrate: int | None) -> None:
         raise BusError(f"bitrate {bitrate}: the motor bus runs at {ours}; give -b {ours}")
 
 
+def _has_socketcan() -> bool:
+    """Whether the kernel makes sockets of CAN."""
+    import socket
+
+    try:
+        socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
 def check_channel(interface: str, channel: str) -> None:
     """Errors: BusError with the mend when a channel of SocketCAN is not there, or is down."""
     import socket
@@ -59,7 +71,12 @@ def check_channel(interface: str, channel: str) -> None:
     if channel not in (name for _, name in socket.if_nameindex()):
         make = f"make it: sudo ip link add {channel} type vcan && sudo ip link set {channel} up"
         mend = make if channel.startswith("vcan") else "see `ip link show type can`"
-        raise BusError(f"{head}there is no such interface; {mend}")
+        kernel = (
+            ""
+            if _has_socketcan()
+            else "; first `sudo modprobe can_raw vcan`: this kernel has no SocketCAN"
+        )
+        raise BusError(f"{head}there is no such interface; {mend}{kernel}")
     try:
         socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
@@ -78,6 +95,9 @@ def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: A
     """A python-can bus.   Errors: BusError on one line when it cannot be opened."""
     check_bitrate(bitrate)
     check_channel(interface, channel)
+    log = logging.getLogger("can")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)  # and so it stays where our line says what is wrong
     options: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
     try:
         bus = can.Bus(channel=channel, interface=interface, **options, **more)
@@ -85,7 +105,10 @@ def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: A
         raise
     except Exception as error:  # every interface of python-can raises its own kinds
         text = " ".join(str(error).split()) or type(error).__name__
-        raise BusError(f"{interface} {channel}: cannot be opened: {text}") from error
+        raise BusError(
+            f"{interface} {channel}: cannot be opened: {text.rstrip('.')}; see python-can's page of this interface"
+        ) from error
+    log.setLevel(level)
     enlarge(bus)
     return bus
 

@@ -56,12 +56,15 @@ class LoopResult:
     """recording: every tick from the servo's first. mechanism: array MECHANISM, one row a tick; empty over a real bus.
 
     path_start: index of the first tick of the path. handle: array HANDLE, one row a tick; empty without a held tool.
+    syncs, injected: of the simulated drives: SYNC frames that they saw, and how often a fault that was asked for acted.
     """
 
     recording: Recording
     mechanism: npt.NDArray[Any]
     path_start: int
     handle: npt.NDArray[Any] = field(default_factory=lambda: np.empty(0, dtype=HANDLE))
+    syncs: int = 0
+    injected: int = 0
 
 
 def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
@@ -122,6 +125,17 @@ def lead_in(
     first = np.r_[start_m, np.zeros(3)]
     way = first + share[:, None] * (targets[0] - first)
     return np.concatenate([way, np.repeat(targets[:1], settle_ticks, axis=0)])
+
+
+def operator_way(
+    path: Trajectory, config: Any, start_m: F64, period_s: float = 1e-3
+) -> tuple[F64, F64]:
+    """What the hand does from where the device stands (tip, frame of the base): lead, then along the path; (n, 6) each.
+
+    Errors: LoopError: out of reach.
+    """
+    targets = hand_targets(resample(path, period_s), config)
+    return lead_in(targets, start_m), targets
 
 
 class Loop:
@@ -279,7 +293,10 @@ class Loop:
         self._records, self._rows = [rows], [np.concatenate(self._rows)]
         recording = Recording(rows, self.config, scene_crc32(self.servo.scene), "in process")
         self._handle_rows = [np.concatenate(self._handle_rows)]
-        return LoopResult(recording, self._rows[0], path_start, self._handle_rows[0])
+        seen = self.drives.counters
+        return LoopResult(
+            recording, self._rows[0], path_start, self._handle_rows[0], seen.ticks, seen.faults_done
+        )
 
     def _pointer(self, kind: str, value: Any) -> Any:
         """An address of the simulator in the types of the servo's extension."""
@@ -312,8 +329,8 @@ def run_inprocess(
     """
     loop = Loop(scene, config, params, faults, at_once, handle=handle)
     loop.on_frame = on_frame
-    targets = hand_targets(resample(path), loop.config)
-    loop.bring_up(lead_in(targets, loop.drives.state.tip_pos_m))
+    lead, targets = operator_way(path, loop.config, loop.drives.state.tip_pos_m)
+    loop.bring_up(lead)
     loop.command(int(lib.CR_COMMAND_START))
     start = loop.ticks
     for at in range(0, len(targets), PROGRESS_TICKS):
@@ -356,8 +373,7 @@ def run_socketcan(
     import sys
 
     config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
-    targets = hand_targets(resample(path), config)
-    lead = lead_in(targets, np.array([0.0, np.sqrt(2.0) * 0.45, 0.0]))
+    lead, targets = operator_way(path, config, np.array([0.0, np.sqrt(2.0) * 0.45, 0.0]))
     seconds = (len(lead) + len(targets)) * 1e-3
     with tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
         operator, device = Path(folder) / "operator.csv", Path(folder) / "device.toml"
@@ -432,6 +448,7 @@ def describe(result: LoopResult) -> dict[str, object]:
     counters = rows["counters"][-1]
     force_N = np.linalg.norm(rendered["force_N"], axis=1)
     first = rows["faults"][np.flatnonzero(rows["faults"])[:1]]
+    every = int(np.bitwise_or.reduce(rows["faults"], initial=0))
     report: dict[str, object] = {
         "ticks": len(rows),
         "ticks_rendering": int(counters["ticks_rendering"]),
@@ -441,7 +458,9 @@ def describe(result: LoopResult) -> dict[str, object]:
         "force_max_N": float(force_N.max(initial=0.0)),
         "depth_max_m": float(rendered["depth_m"].max(initial=0.0)),
         "energy_max_J": float(rendered["energy_J"].max(initial=0.0)),
-        "faults": fault_names(int(first[0])) if len(first) else [],
+        "faulted": every != 0,
+        "faults": fault_names(every),
+        "first_faults": fault_names(int(first[0])) if len(first) else [],
         "missing": int(counters["missing"].sum()),
         "late": int(counters["late"]),
         "overruns": int(counters["overruns"]),

@@ -27,6 +27,7 @@ from crease.base.settings import setting
 from crease.base.table import describe
 from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
+from crease.mesh.glb import check_glb, unsaid
 from crease.mesh.mend import mend_surface
 from crease.mesh.polygons import WITH_POLYGONS, parse_off, unfold
 from crease.mesh.texts import STL_HEAD, STL_TRIANGLE, check_whole, is_binary_stl, stumble
@@ -189,6 +190,8 @@ def _parse_whole(
 ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     source = _plain(path, source)
     check_whole(path, source)
+    if path.suffix.lower() == ".glb":
+        check_glb(path, source)
     if path.suffix.lower() not in STEP:
         return _parse(path, source)
     vertices_m, triangles = _parse(path.with_suffix(".glb"), _tessellate(path, chord_m))
@@ -275,7 +278,7 @@ def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArra
             return parse_off(source.decode("latin-1"))
         if kind == "obj" and OBJ_ZERO.search(source):
             raise ValueError("a face names vertex 0, the first is 1")
-        with np.errstate(all="ignore"):  # numbers that are none are refused by who asks for these
+        with np.errstate(all="ignore"), unsaid():  # numbers that are none: refused by who asks
             scene = trimesh.load_scene(
                 io.BytesIO(source), file_type=kind, process=False, skip_materials=True
             )

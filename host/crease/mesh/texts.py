@@ -31,11 +31,21 @@ def is_binary_stl(source: bytes) -> bool:
 def check_whole(path: Path, source: bytes) -> None:
     """Errors: MeshError for an STL or a PLY in text that ends before its last triangle."""
     suffix = path.suffix.lower()
+    if suffix in (".obj", ".off") and is_binary_stl(source) and BINARY.search(source):
+        raise MeshError(f"{path}: is no {suffix[1:].upper()} but a binary STL; name it .stl")
+    if suffix == ".stl" and _is_empty_stl(source):
+        raise MeshError(f"{path}: has no triangles; export the surface, not points or curves")
     lacks = _stl_lacks(source) if suffix == ".stl" else ""
     if suffix == ".ply":
         lacks = _ply_lacks(source)
     if lacks:
         raise MeshError(f"{path}: is {lacks}; copy or export it again")
+
+
+def _is_empty_stl(source: bytes) -> bool:
+    """Whether it is a whole STL in text without a facet."""
+    text = source.lower()
+    return text.lstrip().startswith(b"solid") and b"endsolid" in text and b"facet" not in text
 
 
 def _stl_lacks(source: bytes) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import re
 import sys
 import time
 from pathlib import Path
@@ -175,12 +176,28 @@ def _read(args: argparse.Namespace) -> None:
     if not args.read.is_file():
         raise BusError(f"{args.read}: there is no such file")
     monitor = Monitor(load())
+    if args.read.suffix.lower() == ".log":
+        _check_candump(args.read)
     try:
         for message in can.LogReader(args.read):
             monitor.feed(message)
     except Exception as error:  # every reader of python-can raises its own kinds
         raise BusError(f"{args.read}: cannot be read: {' '.join(str(error).split())}") from error
     _show(args, monitor)
+
+
+_CANDUMP = re.compile(rb"\s*\([\d.]+\)\s+\S+\s+[0-9A-Fa-f]+#\S*(\s+[RT])?\s*")
+
+
+def _check_candump(path: Path) -> None:
+    """Errors: BusError naming the first line that candump would not write."""
+    with path.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            if line.strip() and not _CANDUMP.fullmatch(line):
+                raise BusError(
+                    f"{path}: line {number} is no candump line, (TIME) CHANNEL ID#DATA; record it with `candump -L` or "
+                    "`crease bus -o`"
+                )
 
 
 def _check_suffix(path: Path) -> None:

@@ -37,7 +37,7 @@ def add_parser(sub: SubParsers) -> None:
         help="close the loop: servo, bus, drives, mechanism and operator along a path",
         description="An operator leads the tool along a path while the servo of the firmware renders the contact. "
         "Every tick is recorded. inprocess: both ends here, in lock-step, the same to the bit each time. "
-        "socketcan: `creased` and `crease sim` on a real interface.",
+        "socketcan: `creased` and `crease sim` on a real interface. Exit status 4 when the servo stopped in fault.",
     )
     add_scene(parser)
     parser.add_argument(
@@ -131,15 +131,23 @@ _ELSEWHERE = {
 """What to do on a real interface about the options that this program cannot give."""
 
 
-def run(args: argparse.Namespace) -> None:
-    """Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up."""
+FAULTED = 4
+"""Exit status of a servo that stopped in fault, as of creased."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Output: 0; 4: the servo stopped in fault, and the outputs are there all the same.
+
+    Errors: CreaseError for bad inputs, an output that cannot be written, or a loop that does not come up.
+    """
     from crease.base.ending import raising
     from crease.base.errors import UsageError
     from crease.bus.transport import check_bitrate, check_channel
     from crease.loop.hil import describe, run_socketcan
     from crease.replay.recording import SUFFIX, recording_bytes
-    from crease.verbs.sim import parse_fault
+    from crease.verbs.sim import never_acted, parse_faults
 
+    faults = parse_faults(args.fault)
     handle = _handle_of(args)
     check_suffix(args.output, (".csv", ".npz") if handle else (SUFFIX, ".mcap"))
     check_target(args.output, args.force, (args.scene, args.operator))
@@ -158,15 +166,9 @@ def run(args: argparse.Namespace) -> None:
             record = Path(folder) / "run.crr"
             result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
     else:
-        result = _run_inprocess(args, scene, path, handle)
+        result = _run_inprocess(args, scene, path, handle, faults)
     rows = result.recording.rows
-    warn(
-        [
-            f"--fault {text}: never came; the run has {len(rows):,} ticks"
-            for text in args.fault
-            if parse_fault(text).tick >= len(rows)
-        ]
-    )
+    warn(never_acted(args.fault, result.syncs, result.injected))
     if handle is not None:
         write_table(args.output, _held_table(result))
     elif args.output.suffix == ".mcap":
@@ -179,6 +181,7 @@ def run(args: argparse.Namespace) -> None:
         write_table(args.table, _table(result))
     report = {"output": str(args.output), "transport": args.interface, **describe(result)}
     print_either(args.json, report, _lines(report))
+    return FAULTED if report["faulted"] else 0
 
 
 def _handle_of(args: argparse.Namespace) -> Any:
@@ -203,11 +206,13 @@ def _handle_of(args: argparse.Namespace) -> Any:
     return HandleSetup(args.stiffness, args.damping or 0.0, couple, load_device(args.device)[1])
 
 
-def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any, handle: Any) -> Any:
+def _run_inprocess(
+    args: argparse.Namespace, scene: Any, path: Any, handle: Any, faults: Any
+) -> Any:
     from crease.base.errors import UsageError
     from crease.base.native import RESPONSES, ffi, lib
     from crease.loop.hil import run_inprocess
-    from crease.verbs.sim import load_params, parse_fault
+    from crease.verbs.sim import load_params
 
     if args.response not in RESPONSES:
         raise UsageError(f"--response {args.response}: is not known; use {' or '.join(RESPONSES)}")
@@ -218,7 +223,6 @@ def _run_inprocess(args: argparse.Namespace, scene: Any, path: Any, handle: Any)
     if args.delay is not None:
         params.c.torque_delay_s = 1e-3 * args.delay
     held = {"handle": handle, "at_once": args.delay is not None}
-    faults = [parse_fault(text) for text in args.fault]
     with Progress() as progress:
 
         def say(part: float) -> None:
@@ -282,7 +286,10 @@ def _table(result: Any) -> dict[str, Any]:
 def _lines(report: dict[str, Any]) -> list[tuple[str, str]]:
     held = "torque_max_Nm" in report
     coupling = report["couple_faults"] if held else 0
-    faults = ", ".join([*report["faults"], *([f"coupling {coupling:#x}"] if coupling else [])])
+    first = report["first_faults"]
+    marked = [f"{name} (first)" for name in first]
+    marked += [name for name in report["faults"] if name not in first]
+    faults = ", ".join([*marked, *([f"coupling {coupling:#x}"] if coupling else [])])
     lines = [
         ("table" if held else "recording", report["output"]),
         ("transport", report["transport"]),

@@ -25,6 +25,7 @@ from crease.replay.replay import (
 )
 from crease.replay.trajectory import Trajectory, load_trajectory
 from crease.verbs.common import (
+    STIFFNESS,
     SubParsers,
     add_couple,
     add_force,
@@ -141,6 +142,29 @@ _UNCOUPLED = (
 """Options that say nothing of a held tool."""
 
 
+_OF_PATHS = (
+    ("--stiffness", "stiffness", STIFFNESS),
+    ("--damping", "damping", 0.0),
+    ("--response", "response", DEFAULT_RESPONSE),
+    ("--coverage", "coverage", "soft"),
+    ("--lookups", "lookups", None),
+    ("--force-max", "force_max", None),
+    ("--skips", "skips", None),
+    ("--repeat", "repeat", REPEAT),
+)
+"""Options that say nothing of a recording, and what they are when they are not given."""
+
+
+def _check_recording(args: argparse.Namespace) -> None:
+    """Errors: UsageError for an option that a recording has itself."""
+    for option, name, usual in _OF_PATHS:
+        if getattr(args, name) != usual:
+            raise UsageError(
+                f"{option}: {args.path} is a recording, which runs again with its own settings; leave it out, or "
+                "give a path"
+            )
+
+
 def _couple_of(args: argparse.Namespace) -> CoupleOptions | None:
     """Settings of the held tool; None without --couple.   Errors: UsageError for options that do not go together."""
     couple = couple_options(args)
@@ -177,6 +201,8 @@ def _far_away(scene: Scene, path: Trajectory) -> list[str]:
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
     couple = _couple_of(args)
+    if is_recording(args.path):
+        _check_recording(args)
     check_suffix(args.output, (".csv", ".npz", ".mcap"))
     check_target(args.output, args.force, (args.scene, args.path))
     if is_recording(args.path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,17 @@ import numpy as np
 
 from crease.base.errors import BusError, UsageError
 from crease.base.table import column_names, describe, read_table
-from crease.bus.drives import F64, FAULT_KINDS, Drives, Fault, Params, WristParams
-from crease.replay.trajectory import place_of_row, stack_columns
-from crease.verbs.common import SubParsers, add_json, number, print_either
+from crease.bus.drives import (
+    F64,
+    FAULT_KINDS,
+    Drives,
+    Fault,
+    Params,
+    WristParams,
+    fault_out_of_range,
+)
+from crease.replay.trajectory import COLUMNS, load_trajectory, place_of_row, stack_columns
+from crease.verbs.common import SubParsers, add_json, number, print_either, warn
 
 PATH_COLUMNS = ("t_s", "x_m", "y_m", "z_m")
 WRIST_COLUMNS = ("yaw_rad", "pitch_rad", "roll_rad")
@@ -43,7 +52,10 @@ def add_parser(sub: SubParsers) -> None:
         "--operator",
         metavar="PATH.csv",
         type=Path,
-        help="targets of the hand: t_s,x_m,y_m,z_m, perhaps yaw_rad,pitch_rad,roll_rad; starts with the drives enabled",
+        help="a path of the tool, t_s,x_m,y_m,z_m,qw,qx,qy,qz, in the world, as for `crease hil`: the hand goes to its "
+        "first pose in 0.6 s, rests 0.4 s and leads it along, by the arm of the default device; or without qw..qz "
+        "targets of the tip in the frame of the device's base, as they are, perhaps with yaw_rad,pitch_rad,roll_rad. "
+        "Starts with the drives enabled",
     )
     parser.add_argument(
         "--device",
@@ -66,8 +78,12 @@ def parse_fault(text: str) -> Fault:
     """`drop:tick=100,ticks=3,id=0x191,to=host` as a row of the fault table.   Errors: UsageError."""
     kind, _, rest = text.partition(":")
     values: dict[str, Any] = {}
+    given: set[str] = set()
     for part in filter(None, rest.split(",")):
         name, equals, value = part.partition("=")
+        if name in given:
+            raise UsageError(f"fault '{text}': {name} is given twice")
+        given.add(name)
         try:
             if name == "axis" and value in ("X", "Y", "Z"):
                 values["axis"] = "XYZ".index(value)
@@ -85,7 +101,32 @@ def parse_fault(text: str) -> Fault:
         raise UsageError(
             f"fault '{text}': write KIND:tick=N with KIND one of {', '.join(FAULT_KINDS)}"
         )
-    return Fault(kind=kind, **values)
+    fault = Fault(kind=kind, **values)
+    if wrong := fault_out_of_range(fault):
+        raise UsageError(f"fault '{text}': {wrong}")
+    return fault
+
+
+def parse_faults(texts: Sequence[str]) -> list[Fault]:
+    """All of a command line.   Errors: UsageError."""
+    from crease._sim import lib
+
+    if len(texts) > lib.CR_SIM_FAULTS_MAX:
+        raise UsageError(f"--fault: {len(texts)} are too many; at most {lib.CR_SIM_FAULTS_MAX}")
+    return [parse_fault(text) for text in texts]
+
+
+def never_acted(texts: Sequence[str], ticks: int, injected: int) -> list[str]:
+    """A warning for each fault that changed nothing in a run of so many ticks of SYNC, as far as that can be told."""
+    late = [text for text in texts if parse_fault(text).tick > ticks]
+    warnings = [f"--fault {text}: never came; the drives saw {ticks:,} SYNC" for text in late]
+    if injected == 0:
+        warnings += [
+            f"--fault {text}: never acted; no frame or drive that it is about came in its ticks"
+            for text in texts
+            if text not in late
+        ]
+    return warnings
 
 
 def load_device(path: Path | None) -> tuple[Params, WristParams]:
@@ -114,14 +155,24 @@ def load_params(path: Path | None) -> Params:
     return load_device(path)[0]
 
 
-def load_path(path: Path | None, period_s: float) -> F64 | None:
-    """Targets of the operator, one row a period: tip m, wrist rad; shape (n, 6).
+def load_path(path: Path, start_m: F64, period_s: float) -> F64:
+    """Targets of the operator, one row a period: tip m, frame of the base, wrist rad; shape (n, 6).
 
-    Errors: TableError, TrajectoryError, BusError with file and line.
+    start_m: where the tip stands; a path of the tool in the world is led up to from there.
+    Errors: TableError, TrajectoryError, BusError with file and line; LoopError for a pose that is out of reach.
     """
-    if path is None:
-        return None
     known = column_names(path)
+    if set(known) & set(COLUMNS[4:]):
+        from crease.base.native import ffi, lib
+        from crease.loop.hil import operator_way
+
+        if both := [name for name in WRIST_COLUMNS if name in known]:
+            raise BusError(
+                f"{path}: has {both[0]} beside the quaternion; a path of the tool has qw..qz alone, targets of the tip "
+                "the angles of the wrist"
+            )
+        config = ffi.new("cr_servo_config *", lib.cr_servo_config_default())
+        return np.concatenate(operator_way(load_trajectory(path), config, start_m, period_s))
     given = (*PATH_COLUMNS, *(name for name in WRIST_COLUMNS if name in known))
     columns = read_table(path, given)
     rows = stack_columns(path, columns, given)
@@ -158,11 +209,14 @@ def run(args: argparse.Namespace) -> None:
         params,
         wall_clock=args.wall_clock,
         now_us=now_us(),
-        faults=[parse_fault(text) for text in args.fault],
-        path=load_path(args.operator, params.period_s),
+        faults=parse_faults(args.fault),
     )
+    if args.operator is not None:
+        drives.set_path(load_path(args.operator, drives.state.tip_pos_m, params.period_s))
     lost = _run_socketcan(args, drives) if args.interface == "socketcan" else _run_any(args, drives)
     counters = drives.counters
+    warnings = never_acted(args.fault, counters.ticks, counters.faults_done)
+    warn(warnings)
     report: dict[str, object] = {
         "ticks": counters.ticks,
         "frames_in": counters.frames_in,
@@ -171,6 +225,7 @@ def run(args: argparse.Namespace) -> None:
         "frames_lost": counters.frames_dropped + lost,
         "faults_done": counters.faults_done,
         "states": [drives.drive(axis).state for axis in range(3)],
+        "warnings": warnings,
     }
     print_either(
         args.json,
@@ -182,7 +237,7 @@ def run(args: argparse.Namespace) -> None:
                 f"{counters.frames_in:,} in, {counters.frames_out:,} out, {counters.frames_ignored:,} not for us",
             ),
             ("lost", f"{counters.frames_dropped + lost:,}"),
-            ("faults", f"{counters.faults_done:,}"),
+            ("injected", f"{counters.faults_done:,} faults"),
             ("drives", ", ".join(drives.drive(axis).state for axis in range(3))),
         ],
     )

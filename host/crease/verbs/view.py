@@ -10,6 +10,7 @@ from crease.base.errors import UsageError
 from crease.base.native import RESPONSES
 from crease.base.scene import Scene, open_scene
 from crease.base.table import check_suffix, check_target, column_names, read_table, write_bytes
+from crease.replay.recording import is_recording
 from crease.replay.replay import DEFAULT_RESPONSE
 from crease.verbs.common import (
     STIFFNESS,
@@ -94,12 +95,18 @@ def run(args: argparse.Namespace) -> None:
         if getattr(args, name) != usual:
             raise UsageError(f"{option} is of the loop while it runs; give --live too")
     files = list(args.files)
-    if args.scene is None:
+    if args.scene is None and not is_recording(files[0]):
         if files[0].suffix != ".crs":
             raise UsageError(
                 f"{files[0]}: of which scene? give --scene SCENE.crs, or SCENE.crs first"
             )
         args.scene = files.pop(0)
+    for path in filter(None, (args.scene, *files)):
+        if is_recording(path):
+            raise UsageError(
+                f"{path}: is a recording of the loop, which a page does not show; draw it with `crease plot`, run it "
+                "again with `crease replay`, or `crease replay -o RUN.mcap` for other viewers"
+            )
     if args.live:
         from crease.verbs import live
 

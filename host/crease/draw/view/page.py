@@ -95,6 +95,11 @@ def path_of(replay: Replay) -> Trajectory:
     """The path of a table.   Errors: TableError when columns are missing or unequal; TrajectoryError for a bad pose."""
     missing = [name for name in COLUMNS if name not in replay.table]
     if missing:
+        if "energy_J" in replay.table and "states_us" in replay.table:
+            raise TableError(
+                f"{replay.name}: is of a loop (`crease hil`, or a recording that ran again), which a page does not "
+                "show; draw it with `crease plot`"
+            )
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
         raise TableError(
             f"{replay.name}: no column {missing[0]}{more}: not a table of a replayed path; replay it"
