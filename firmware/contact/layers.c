@@ -138,9 +138,9 @@ typedef struct {
 } cr_parts;
 #define PAIRS 8
 
-static float along_piece(int j) { return 0.25f * (float)(j & 3) - 0.375f; }
+static float part_along(int j) { return 0.25f * (float)(j & 3) - 0.375f; }
 
-static float across_piece(int j) { return 0.25f * (float)(j >> 2) - 0.375f; }
+static float part_across(int j) { return 0.25f * (float)(j >> 2) - 0.375f; }
 
 /* Mean depth of a part that is so far above its nearest plane, of the whole piece. */
 static float depth_of_part(const cr_parts *q, float top_m) {
@@ -153,7 +153,7 @@ static float share_parts(const cr_parts *q, cr_cut *cut) {
     float depth = 0.0f;
 #if CR_SCALAR
     for (int j = 0; j < PAIRS; j++) {
-        const float x = along_piece(j), y = across_piece(j);
+        const float x = part_along(j), y = part_across(j);
         float its[CR_KIND_FACETS_MAX], others[CR_KIND_FACETS_MAX];
         float top = -3.4e38f, other_top = -3.4e38f, all = 0.0f, other_all = 0.0f;
         for (uint32_t k = 0; k < cut->count; k++) {
@@ -185,7 +185,7 @@ static float share_parts(const cr_parts *q, cr_cut *cut) {
     }
     for (uint32_t k = 0; k < cut->count; k++) {
         for (int j = 0; j < PAIRS; j++) {
-            const float rise = along_piece(j) * q->x_m[k] + across_piece(j) * q->y_m[k];
+            const float rise = part_along(j) * q->x_m[k] + part_across(j) * q->y_m[k];
             its[k][j] = q->height_m[k] + rise;
             its[k][j + PAIRS] = q->height_m[k] - rise;
         }
