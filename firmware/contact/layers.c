@@ -1,7 +1,7 @@
 /* layers: what the samples of a cluster are inside of, surface by surface, and how deep. WAY_OUT.md "Zones". */
 #include "contact/way_out.h"
 
-/* Least share of the full width over which the depth of a piece fades in: with the coverage's 0.1 the clamp is 0.21 mm off instead of 0.15. */
+/* Least share of the full width over which the depth of a piece, or of a part of one, fades in: with half of it the block in the groove is 0.5 degrees off as a wall lets go. */
 #define WIDTH_MIN 0.25f
 /* How much farther than the nearest a plane may be, in half-widths of a piece, and a part of the piece count for it too: a fourth of the parts' distance. */
 #define TIE 0.125f
