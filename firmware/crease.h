@@ -135,7 +135,7 @@ typedef struct {
 /* Purpose  the default settings: 1000 N/m, no damping, 100 N limit, the way out, all skips, CR_LOOKUPS_MAX. */
 cr_config cr_config_default(void);
 
-/* Purpose  what is wrong with settings: the members and what they may hold. Output  null when nothing is. */
+/* Purpose  what is wrong with settings: the members and what they may hold. Output  null when nothing is.   Errors  a text for null, too. */
 const char *cr_config_error(const cr_config *config);
 
 /* One contact zone of an area: what of a smooth piece of the static surface is touched. */

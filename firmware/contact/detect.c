@@ -17,15 +17,15 @@
 #define PARTS_OF_CELLS 208u
 #define PARTS_OF_POINTS 104u
 #define PARTS_OF_PLANE 32u
-#define PARTS_OF_WAKE 3u
+#define PARTS_OF_WAKE 4u
 #define PARTS_OF_GROUP 24u
 #define PARTS_OF_SPHERES 64u
 #define PARTS_OF_LEAF 1u
 #define PARTS_OF_LIGHTENED 8u
 
 void cr_motion_wake(cr_motion *m) {
-    for (uint32_t i = 0; i < m->wake_count; i++) {
-        m->wake_m[i] = CR_WAKE_NOW;
+    for (float *wake = m->wake_m, *end = wake + m->wake_count; wake < end; wake++) {
+        *wake = CR_WAKE_NOW;
     }
     m->stale = 0u;
 }

@@ -520,6 +520,6 @@ const char *cr_err_text(cr_err err) {
                                        "scene image has an index outside its table",
                                        "scene image has a number out of range",
                                        "a world setting is out of range"};
-    int index = -(int)err;
-    return index >= 0 && index < (int)(sizeof text / sizeof text[0]) ? text[index] : "unknown error";
+    const uint32_t index = 0u - (uint32_t)err;
+    return index < sizeof text / sizeof text[0] ? text[index] : "unknown error";
 }

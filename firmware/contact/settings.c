@@ -12,6 +12,9 @@ cr_config cr_config_default(void) {
 }
 
 const char *cr_config_error(const cr_config *c) {
+    if (c == NULL) {
+        return cr_err_text(CR_ERR_NULL);
+    }
     if (!cr_in_range(c->stiffness_N_m, 0.0f, 1e6f) || !cr_in_range(c->damping_Ns_m, 0.0f, 1e4f) ||
         !cr_in_range(c->force_max_N, 1e-6f, 1e6f)) {
         return "stiffness_N_m: 0..1e6; damping_Ns_m: 0..1e4; force_max_N of the world: above 0, up to 1e6";

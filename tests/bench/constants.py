@@ -71,6 +71,8 @@ GIVEN = {
     "BOX_MAX": "work, no answer",
     "RIVALS_MAX": "work",
     "LANES_OF_STEP": "how finely work is cut",
+    "CUTS_OF_STEP": "how finely work is cut",
+    "PAIRS": "how finely a piece is cut: four by four",
     "CR_WORK_PARTS": "how finely work is counted",
     "CR_WAY_BOUNDS_MAX": "a capacity",
 }

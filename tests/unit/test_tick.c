@@ -456,6 +456,7 @@ static void tick_settings_out_of_range_are_refused(void **state) {
     cr_config config = cr_config_default();
     config.force_max_N = 0.0f;
     check_config(config, CR_ERR_CONFIG);
+    assert_string_equal(cr_config_error(NULL), cr_err_text(CR_ERR_NULL));
     const size_t words[] = {offsetof(cr_config, response), offsetof(cr_config, coverage), offsetof(cr_config, skip),
                             offsetof(cr_config, vertices_only)};
     const uint32_t first_bad[] = {CR_RESPONSE_COUNT, CR_COVERAGE_HARD, CR_SKIP_ALL + 1u, 1u};

@@ -19,14 +19,14 @@ CORTEX_INCLUDES := -Ifirmware -I$(CORTEX) -Itests/check
 CORTEX_LINK := -nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--fatal-warnings -L$(CORTEX)
 CONTROLLER_C := $(addprefix $(CORTEX)/,startup.c controller.c stm32h743.c fdcan.c)
 EMULATED_C := $(CORTEX)/startup.c $(CORTEX)/semihost.c tests/check/job.c tests/device/emulated.c
-SMALL_C := $(addprefix firmware/,$(addprefix contact/,motion.c exits.c facets.c rows.c layers.c gather.c depth_along.c measure.c math3.c scene.c settings.c world.c answer.c relate.c feel.c search.c tick.c resolve.c planes.c coverage.c field.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c record.c control.c velocity.c pose.c) $(addprefix couple/,descend.c round.c couple.c passivity.c points.c follow.c nearest.c turn.c))
+SMALL_C := $(addprefix firmware/,$(addprefix contact/,detect.c motion.c exits.c facets.c rows.c layers.c gather.c depth_along.c measure.c math3.c scene.c settings.c world.c answer.c relate.c feel.c search.c tick.c resolve.c planes.c coverage.c field.c) $(addprefix servo/,config.c modes.c sdo.c bus.c rerun.c servo.c record.c control.c velocity.c pose.c) $(addprefix couple/,descend.c round.c couple.c passivity.c points.c follow.c nearest.c turn.c))
 RARELY := -fno-move-loop-invariants -fno-thread-jumps -fno-tree-dominator-opts
 RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c gather.c facets.c rows.c depth_along.c scene.c search.c answer.c) $(addprefix servo/,config.c modes.c bus.c servo.c control.c pose.c))
 
 # And passes of -Os that make one source or another larger: SOURCE=FLAG.
 WITHOUT := $(addprefix firmware/contact/,$(addsuffix =-fno-tree-forwprop,answer.c search.c gather.c)) \
     $(addprefix firmware/,$(addsuffix =-fno-inline-functions-called-once,contact/resolve.c servo/pose.c servo/bus.c servo/modes.c)) \
-    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2) \
+    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2 detect.c=-fno-schedule-insns2 layers.c=-fno-conserve-stack planes.c=-fno-schedule-insns2 exits.c=-fno-tree-ter) \
     $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c))
 
 define CORTEX_VARIANT
