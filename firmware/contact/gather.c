@@ -173,9 +173,8 @@ int cr_way_add_more(const cr_field *f, const xform *pose, cr_contact_set *set, u
     cr_way_layers *l = &set->way.layers;
     l->parts = 0u;
     if (l->step == CR_WAY_PLANES) {
-        l->left =
-            cr_way_over_planes(f->scene, looked->c, l->left, looked->coverage, looked->planes, looked->heights, l);
-        l->step = l->left == 0u ? CR_WAY_FADE : CR_WAY_PLANES;
+        cr_way_over_planes(f->scene, looked->c, l->left, looked->coverage, looked->planes, looked->heights, l);
+        l->step = CR_WAY_FADE;
         return 0;
     }
     if (l->step < CR_WAY_FADE) {

@@ -3,10 +3,8 @@
 
 /* Least share of the full width over which the depth of a piece, or of a part of one, fades in: with half of it the block in the groove is 0.5 degrees off as a wall lets go. */
 #define WIDTH_MIN 0.25f
-/* How much farther than the nearest a plane may be, in half-widths of a piece, and a part of the piece count for it too: a fourth of the parts' distance. */
-#define TIE 0.125f
-/* How much lower than the highest a plane may be, in half-widths of a piece, and cut it: a piece square to both planes of a right angle is cut by both. */
-#define CUT_REACH 2.0f
+/* Times that the parts of a piece tell more of its depth than its coverage, or less, at most. */
+#define PARTS_MOST 4.0f
 
 float cr_way_share(cr_vec3 g, uint32_t side) {
     const float parts[3] = {g.x, g.y, g.z}, length2 = v3_dot(g, g);
@@ -18,13 +16,11 @@ float cr_way_share(cr_vec3 g, uint32_t side) {
 /* Saturation of an image's distances beside the diagonal of a brick, as a share of how far its bricks reach: host/crease/bake/voxmap.py. With 1, a cube
  * that a wall swallows is let go by jumps of 1 mm, without the passage of 8, instead of 0.2: tests/property/test_force_of_way_out.py. */
 #define BAND_PER_REACH 1.1f
-/* Pieces that several planes may cut, in one step. */
-#define CUTS_OF_STEP 3u
 /* Work, in parts of a unit: of a lane that is asked what it is over, again over one surface, thrice over several; of each plane that a lane may count for, and
  * two more, and a layer that something counts for, beside others, four a part; of a facet that a lane may count for, and
  * again, if it is curved; of a layer that is made; of a cell, and each of its planes; of each layer of a lane that may fade, and two more. */
 #define PARTS_OF_LANE 12u
-#define PARTS_OF_SHARE 10u
+#define PARTS_OF_SHARE 9u
 #define PARTS_OF_CUT 32u
 #define PARTS_OF_FACET 36u
 #define PARTS_OF_CURVED 12u
@@ -82,6 +78,22 @@ static float depth_left(part of_nearest, float coverage) {
     return of_nearest.share > 0.0f ? of_nearest.depth_m * min_f(1.0f, coverage / of_nearest.share) : 0.0f;
 }
 
+/* The same below the nearest of several planes, as far as they are a corner. */
+static float depth_below_corner(const struct cr_img_cluster *c, int i, part p, float height_m, float corner,
+                                float coverage) {
+    const float ramp = c->ramp[i], most = 2.0f * ramp;
+    if (height_m <= -(corner > 0.0f ? CR_CORNER_REACH : 1.0f) * ramp) {
+        return -height_m * coverage; /* all of it is below, however wide it is */
+    }
+    if (corner > 0.0f) {
+        const float width = clamp_f(p.across_m, WIDTH_MIN * most, most), at = height_m / width,
+                    rest = cr_rest_of_square(at);
+        p.share += corner * (cr_square_below(at, rest) - p.share);
+        p.depth_m += corner * (width * cr_square_depth(at, rest) - p.depth_m);
+    }
+    return depth_left(p, coverage);
+}
+
 /* All lanes over one plane, heights in the tool frame. Returns how deep they are at most. */
 static float fill_flat(const struct cr_img_cluster *c, uint32_t lanes, uint32_t near, cr_vec3 n, const float *height_m,
                        cr_way_layer *out) {
@@ -114,162 +126,82 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t patch, int i, f
     }
 }
 
-/* Takes from what is left of a piece's second moment, row by row, a vector that the piece has along its longest axis. Two of them are all of it. */
-static cr_vec3 take_axis(cr_vec3 w[3]) {
-    const float d[3] = {w[0].x, w[1].y, w[2].z};
-    const int k = d[1] > d[0] ? 1 : 0, longest = d[2] > d[k] ? 2 : k;
-    const cr_vec3 axis = v3_scale(w[longest], d[longest] > 1e-14f ? 1.0f / sqrtf(d[longest]) : 0.0f);
-    w[0] = v3_sub(w[0], v3_scale(axis, axis.x));
-    w[1] = v3_sub(w[1], v3_scale(axis, axis.y));
-    w[2] = v3_sub(w[2], v3_scale(axis, axis.z));
-    return axis;
+/* A piece that two planes cut counts in parts, side by side from one to the other. */
+#define PARTS 4
+/* From the middle of the piece to that of an outer part, and of an inner one, in widths. */
+#define OUTERMOST 0.375f
+#define INNERMOST 0.125f
+/* A plane that is so many ramps lower than another is nowhere nearer: the piece is two ramps wide at most, and the normals are less than 2 apart. */
+#define CUT_REACH (4.0f * OUTERMOST)
+
+/* Mean depth of a part whose middle is so far above a plane, in widths of a part. */
+static float depth_of_part(float height) {
+    const float in = clamp_f(0.5f - height, 0.0f, 1.0f);
+    return in < 1.0f ? 0.5f * in * in : -height;
 }
 
-/* What of the depth of a piece counts for which plane. */
-typedef struct {
-    uint32_t count, plane[CR_KIND_FACETS_MAX];
-    float depth_m[CR_KIND_FACETS_MAX];
-} cr_cut;
-
-/* A piece that several planes cut: heights of its middle above them, and how far these rise along its axes. It counts in parts, four by four, in pairs that lie opposite to each other, each
- * inside of its nearest plane or shared by those that are as near. */
-typedef struct {
-    float width_m, near_m, height_m[CR_KIND_FACETS_MAX], x_m[CR_KIND_FACETS_MAX], y_m[CR_KIND_FACETS_MAX];
-} cr_parts;
-#define PAIRS 8
-
-static float part_along(int j) { return 0.25f * (float)(j & 3) - 0.375f; }
-
-static float part_across(int j) { return 0.25f * (float)(j >> 2) - 0.375f; }
-
-/* Mean depth of a part that is so far above its nearest plane, of the whole piece. */
-static float depth_of_part(const cr_parts *q, float top_m) {
-    const float in = clamp_f(0.5f - top_m / q->width_m, 0.0f, 1.0f);
-    return (in < 1.0f ? 0.5f * q->width_m * in * in : -top_m) / (2.0f * PAIRS);
+/* What another plane takes from the mean depth of a piece below its nearest: of the parts that are nearer to it. */
+static float taken_by(const struct cr_img_cluster *c, int i, cr_vec3 n, float height_m, cr_vec3 other, float other_m) {
+    const cr_vec3 apart = v3_sub(other, n), spread = spread_times(c, i, apart);
+    const float across2 = v3_dot(apart, spread), gap_m = height_m - other_m;
+    const float most = 2.0f * c->ramp[i], across = sqrtf(higher_f(across2, 1e-14f));
+    if (!(gap_m < OUTERMOST * across)) {
+        return 0.0f;
+    }
+    if (height_m < -(OUTERMOST + 0.5f) * most) { /* all of every part is below both */
+        return (1.0f / PARTS) * (OUTERMOST * across - gap_m + higher_f(0.0f, INNERMOST * across - gap_m));
+    }
+    const float per = 1.0f / across;
+    const float rise = per * v3_dot(spread, n), others = per * v3_dot(spread, other);
+    const float along2 = higher_f(0.0f, v3_dot(n, spread_times(c, i, n)) - rise * rise);
+    const float each2 = (rise * rise + others * others) * (0.5f / (PARTS * PARTS));
+    const float width = clamp_f(sqrtf(along2 + each2), WIDTH_MIN * most, most), in_widths = 1.0f / width;
+    float at = -OUTERMOST, taken = 0.0f;
+    for (int j = 0; j < PARTS; j++) {
+        const float its = (height_m + at * rise) * in_widths, top = (other_m + at * others) * in_widths;
+        taken += top > its ? depth_of_part(its) - depth_of_part(top) : 0.0f;
+        at += 1.0f / PARTS;
+    }
+    return (1.0f / PARTS) * width * taken;
 }
 
-/* Returns its depth, added up pair by pair on every target. */
-static float share_parts(const cr_parts *q, cr_cut *cut) {
-    float depth = 0.0f;
-#if CR_SCALAR
-    for (int j = 0; j < PAIRS; j++) {
-        const float x = part_along(j), y = part_across(j);
-        float its[CR_KIND_FACETS_MAX], others[CR_KIND_FACETS_MAX];
-        float top = -3.4e38f, other_top = -3.4e38f, all = 0.0f, other_all = 0.0f;
-        for (uint32_t k = 0; k < cut->count; k++) {
-            const float rise = x * q->x_m[k] + y * q->y_m[k];
-            its[k] = q->height_m[k] + rise;
-            others[k] = q->height_m[k] - rise;
-            top = higher_f(top, its[k]);
-            other_top = higher_f(other_top, others[k]);
+/* A lane counts for its nearest plane, shared with those that are as near within half the width of its piece. of: layers of the planes, as far as they were asked for (bits). */
+static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top, float coverage,
+                                 const cr_planes *p, const cr_heights *h, cr_way_layers *out, cr_way_layer **of,
+                                 uint32_t *asked) {
+    float height_m[CR_KIND_FACETS_MAX], share[CR_KIND_FACETS_MAX], corner = 0.0f, total = 0.0f;
+    if (p->reach > 1.0f) {
+        out->parts += PARTS_OF_SHARE * p->count;
+        for (uint32_t k = 0; k < p->count; k++) {
+            height_m[k] = h->height_m[k][i];
         }
-        for (uint32_t k = 0; k < cut->count; k++) {
-            its[k] = higher_f(0.0f, its[k] - top + q->near_m);
-            others[k] = higher_f(0.0f, others[k] - other_top + q->near_m);
-            all += its[k];
-            other_all += others[k];
-        }
-        const float deep = depth_of_part(q, top), other_deep = depth_of_part(q, other_top);
-        all = deep / all;
-        other_all = other_deep / other_all;
-        depth += deep + other_deep;
-        for (uint32_t k = 0; k < cut->count; k++) {
-            cut->depth_m[k] = (j > 0 ? cut->depth_m[k] : 0.0f) + (all * its[k] + other_all * others[k]);
-        }
+        corner = cr_corner_part(height_m, p->count, c->ramp[i]);
     }
-#else
-    float its[CR_KIND_FACETS_MAX][2 * PAIRS], top[2 * PAIRS], all[2 * PAIRS], deep[2 * PAIRS], both[PAIRS];
-    for (int j = 0; j < 2 * PAIRS; j++) {
-        top[j] = -3.4e38f;
-        all[j] = 0.0f;
-    }
-    for (uint32_t k = 0; k < cut->count; k++) {
-        for (int j = 0; j < PAIRS; j++) {
-            const float rise = part_along(j) * q->x_m[k] + part_across(j) * q->y_m[k];
-            its[k][j] = q->height_m[k] + rise;
-            its[k][j + PAIRS] = q->height_m[k] - rise;
-        }
-        for (int j = 0; j < 2 * PAIRS; j++) {
-            top[j] = higher_f(top[j], its[k][j]);
-        }
-    }
-    for (uint32_t k = 0; k < cut->count; k++) {
-        for (int j = 0; j < 2 * PAIRS; j++) {
-            its[k][j] = higher_f(0.0f, its[k][j] - top[j] + q->near_m);
-            all[j] += its[k][j];
-        }
-    }
-    for (int j = 0; j < 2 * PAIRS; j++) {
-        deep[j] = depth_of_part(q, top[j]);
-        all[j] = deep[j] / all[j];
-    }
-    for (uint32_t k = 0; k < cut->count; k++) {
-        cut->depth_m[k] = 0.0f;
-        for (int j = 0; j < PAIRS; j++) {
-            both[j] = all[j] * its[k][j] + all[j + PAIRS] * its[k][j + PAIRS];
-        }
-        for (int j = 0; j < PAIRS; j++) {
-            cut->depth_m[k] += both[j];
-        }
-    }
-    for (int j = 0; j < PAIRS; j++) {
-        depth += deep[j] + deep[j + PAIRS];
-    }
-#endif
-    return depth;
-}
-
-/* Planes that cut a piece, beside the nearest: by how far their heights part along both of its axes. */
-static void find_cuts(const struct cr_img_cluster *c, int i, const cr_planes *p, const cr_heights *h, cr_cut *out,
-                      cr_parts *q) {
-    cr_vec3 w[3] = {
-        {c->wxx[i], c->wxy[i], c->wzx[i]}, {c->wxy[i], c->wyy[i], c->wyz[i]}, {c->wzx[i], c->wyz[i], c->wzz[i]}};
-    const cr_vec3 along = take_axis(w), across = take_axis(w), n = p->normal_tool[out->plane[0]];
-    q->height_m[0] = h->top_m[i];
-    q->x_m[0] = v3_dot(along, n);
-    q->y_m[0] = v3_dot(across, n);
-    for (uint32_t k = 0; k < p->count; k++) {
-        const float height = h->height_m[k][i], x = v3_dot(along, p->normal_tool[k]),
-                    y = v3_dot(across, p->normal_tool[k]);
-        if (k != out->plane[0] &&
-            h->top_m[i] - height < q->near_m + 0.5f * (abs_f(x - q->x_m[0]) + abs_f(y - q->y_m[0]))) {
-            q->height_m[out->count] = height;
-            q->x_m[out->count] = x;
-            q->y_m[out->count] = y;
-            out->plane[out->count++] = k;
-        }
-    }
-}
-
-/* A lane counts for its nearest plane, or for all that cut its piece. of: layers of the planes, as far as they were asked for (bits). Returns whether several may. */
-static uint32_t fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top,
-                                     float coverage, const cr_planes *p, const cr_heights *h, cr_way_layers *out,
-                                     cr_way_layer **of, uint32_t *asked) {
-    float second = -3.4e38f;
-    cr_parts q;
-    cr_cut cut;
-    q.width_m = WIDTH_MIN * 2.0f * c->ramp[i];
-    q.near_m = TIE * c->ramp[i];
-    cut.count = 1u;
-    cut.plane[0] = top;
-    for (uint32_t k = 0; k < p->count; k++) {
-        second = k == top ? second : higher_f(second, h->height_m[k][i]);
-    }
+    const float top_m = h->top_m[i], reach_m = cr_corner_reach(corner) * c->ramp[i];
+    const part all = {1.0f, -top_m, 0.0f}; /* of it is below, however wide it is */
+    const part whole = top_m > -CR_CORNER_REACH * c->ramp[i] ? part_below(c, i, p->normal_tool[top], top_m) : all;
+    float depth = depth_below_corner(c, i, whole, top_m, corner, coverage), second_m = -3.4e38f;
+    uint32_t second = top;
     out->parts += PARTS_OF_SHARE * (2u + p->count);
-    const int is_near = h->top_m[i] - second < CUT_REACH * c->ramp[i];
-    if (is_near) {
-        find_cuts(c, i, p, h, &cut, &q);
-        out->parts += PARTS_OF_CUT * (1u + cut.count);
+    for (uint32_t k = 0; k < p->count; k++) {
+        const float its_m = h->height_m[k][i];
+        share[k] = max_f(0.0f, its_m - top_m + reach_m);
+        total += share[k];
+        if (k != top && its_m > second_m) {
+            second = k;
+            second_m = its_m;
+        }
     }
-    cut.depth_m[0] = part_below(c, i, p->normal_tool[top], h->top_m[i]).depth_m;
-    float depth = cut.depth_m[0];
-    if (cut.count > 1u) {
-        depth = share_parts(&q, &cut);
+    if (corner < 1.0f && top_m - second_m < CUT_REACH * c->ramp[i]) {
+        const float taken = taken_by(c, i, p->normal_tool[top], top_m, p->normal_tool[second], second_m);
+        const float deep = clamp_f(whole.depth_m - taken, depth / PARTS_MOST, depth * PARTS_MOST);
+        depth = deep + corner * (depth - deep);
+        out->parts += PARTS_OF_CUT;
     }
     out->deep_m = higher_f(out->deep_m, depth);
-    for (uint32_t j = 0; j < cut.count; j++) {
-        const uint32_t k = cut.plane[j];
-        if (!(cut.depth_m[j] > 0.0f)) {
+    for (uint32_t k = 0; k < p->count; k++) {
+        const float its = share[k] > 0.0f ? share[k] / total : 0.0f, deep = depth * its;
+        if (!(deep > 0.0f)) {
             continue;
         }
         if (!has_lane(*asked, (int)k)) {
@@ -277,10 +209,9 @@ static uint32_t fill_lane_over_solid(const cr_scene *s, const struct cr_img_clus
             *asked |= 1u << k;
         }
         if (of[k] != NULL) {
-            add_lane(of[k], i, cut.depth_m[j], coverage * (cut.depth_m[j] / depth));
+            add_lane(of[k], i, deep, coverage * its);
         }
     }
-    return (uint32_t)is_near;
 }
 
 /* Samples behind walls that meet concavely: inside of each by its own height. Their planes are turned inside out. */
@@ -307,11 +238,11 @@ static void reach_to(cr_way_layers *l, cr_vec3 n, float spread, float deep_m) {
     l->reach.bound_m = deep_m;
 }
 
-uint32_t cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const float *coverage,
-                            const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
+void cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, uint32_t lanes, const float *coverage,
+                        const cr_planes *p, const cr_heights *h, cr_way_layers *out) {
     if (p->sign < 0.0f) {
         fill_behind_walls(s, c, lanes, p, h, out);
-        return 0u;
+        return;
     }
     if (p->count == 1u) {
         cr_way_layer *floor = layer_of(out, p->facet[0], s->facets[p->facet[0]].patch);
@@ -320,18 +251,16 @@ uint32_t cr_way_over_planes(const cr_scene *s, const struct cr_img_cluster *c, u
             reach_to(out, p->normal_tool[0], 0.0f,
                      fill_flat(c, lanes, out->near, p->normal_tool[0], h->height_m[0], floor));
         }
-        return 0u;
+        return;
     }
     cr_way_layer *of[CR_KIND_FACETS_MAX];
-    uint32_t asked = 0u, cut = 0u;
+    uint32_t asked = 0u;
     for (uint32_t top = 0; top < p->count; top++) {
-        for (uint32_t left = lanes & h->highest[top]; left != 0u && cut < CUTS_OF_STEP;) {
+        for (uint32_t left = lanes & h->highest[top]; left != 0u;) {
             const int i = take_lane(&left);
-            lanes &= ~(1u << i);
-            cut += fill_lane_over_solid(s, c, i, top, coverage[i], p, h, out, of, &asked);
+            fill_lane_over_solid(s, c, i, top, coverage[i], p, h, out, of, &asked);
         }
     }
-    return lanes;
 }
 
 /* A lane inside of a curved surface, which has a normal of its own there. */
@@ -478,20 +407,19 @@ uint32_t cr_way_same_cell(const cr_lookup *at, uint32_t lanes) {
     return same;
 }
 
-/* Lanes in one cell whose planes give the distance. Returns those that are left. */
-static uint32_t fill_over_cell(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
-                               const float *coverage, const cr_lookup *at, cr_way_layers *out) {
+/* Lanes in one cell whose planes give the distance. */
+static void fill_over_cell(const cr_field *f, const xform *pose, const struct cr_img_cluster *c, uint32_t lanes,
+                           const float *coverage, const cr_lookup *at, cr_way_layers *out) {
     cr_planes planes;
     cr_heights heights;
     uint32_t first = lanes;
     const uint32_t kind = at->kind[take_lane(&first)];
     cr_planes_turn(f->scene, pose, kind, &planes);
-    out->planes = lanes == out->near || out->planes == kind ? kind : 0u;
+    out->planes = lanes == out->near ? kind : 0u;
     cr_planes_measure(&planes, c, &heights);
     out->parts += PARTS_OF_PLANE * (1u + planes.count);
-    const uint32_t left = cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
+    cr_way_over_planes(f->scene, c, lanes, coverage, &planes, &heights, out);
     out->reach.spread = out->planes != 0u ? out->reach.spread : CR_WAY_NO_SPREAD;
-    return left;
 }
 
 /* A lane in a cell whose distances are not from planes. */
@@ -531,7 +459,7 @@ void cr_way_over_lookup(const cr_field *f, const xform *pose, const cr_looked *l
     } else if (cells != 0u) {
         const uint32_t same = cr_way_same_cell(l->at, cells);
         out->left &= ~same;
-        out->left |= fill_over_cell(f, pose, l->c, same, l->coverage, l->at, out);
+        fill_over_cell(f, pose, l->c, same, l->coverage, l->at, out);
     } else {
         fill_over_samples(f, pose, l, take_lane(&out->left), out);
     }

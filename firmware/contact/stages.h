@@ -295,12 +295,17 @@ static inline float piece_width(const struct cr_img_cluster *c, int i, cr_vec3 n
  *          half as far again below on.   Shapes  height_m[count]. */
 float cr_corner_part(const float *height_m, uint32_t count, float ramp_m);
 
-/* Of a square that is seen along its diagonal, its middle this many widths above a plane: by the share of the diagonal that is left beyond the plane, the part that lies below it. */
+/* Of a square that is seen along its diagonal, its middle this many widths above a plane: by the share of the diagonal that is left beyond the plane, the part that lies below it, and its mean
+ * depth in widths, what is outside counting as none. */
 static inline float cr_rest_of_square(float height) { return higher_f(0.0f, 1.0f - CR_CORNER_REACH * abs_f(height)); }
 
 static inline float cr_square_below(float height, float rest) {
     const float less = 0.5f * rest * rest;
     return height > 0.0f ? less : 1.0f - less;
+}
+
+static inline float cr_square_depth(float height, float rest) {
+    return CR_CORNER_REACH / 12.0f * rest * rest * rest + higher_f(0.0f, -height);
 }
 
 /* Ramps up to which a piece reaches that is so far at a corner. */

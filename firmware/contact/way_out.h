@@ -59,11 +59,9 @@ void cr_way_facets_of(const cr_field *field, const cr_lookup *at, int lane, cr_v
 /* Purpose  share of a direction along a side of a curved surface: the shares of one direction add up to 1. */
 float cr_way_share(cr_vec3 direction, uint32_t side);
 
-/* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known.   Shapes  coverage[CR_LANES].
- * Output   lanes that are left: call again with these. */
-uint32_t cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
-                            const float *coverage, const cr_planes *planes, const cr_heights *heights,
-                            cr_way_layers *out);
+/* Purpose  layers of the samples of a cluster whose heights above the planes of the static object are known.   Shapes  coverage[CR_LANES]. */
+void cr_way_over_planes(const cr_scene *scene, const struct cr_img_cluster *cluster, uint32_t lanes,
+                        const float *coverage, const cr_planes *planes, const cr_heights *heights, cr_way_layers *out);
 
 /* Purpose  layers of samples that were looked up, a step of it.   Output  out->step: CR_WAY_FADE when all are known. */
 void cr_way_over_lookup(const cr_field *field, const xform *world_from_tool, const cr_looked *looked,
