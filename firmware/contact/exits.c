@@ -137,7 +137,7 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
     CR_ASSERT(e->count <= CR_WAY_EXITS_MAX);
     rival r[RIVALS_MAX];
-    const place middle = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
+    static const place middle = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
     place tie = middle;
     const uint32_t count = find_rivals(c, i, e, is_crease ? CREASE_END : CR_WAY_REACH, known_m, r);
     *places = 1u;

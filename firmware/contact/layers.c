@@ -128,9 +128,8 @@ static void lane_to(cr_way_layers *l, uint32_t surface, uint32_t patch, int i, f
 
 /* A piece that two planes cut counts in parts, side by side from one to the other. */
 #define PARTS 4
-/* From the middle of the piece to that of an outer part, and of an inner one, in widths. */
+/* From the middle of the piece to that of an outer part, in widths. */
 #define OUTERMOST 0.375f
-#define INNERMOST 0.125f
 /* A plane that is so many ramps lower than another is nowhere nearer: the piece is two ramps wide at most, and the normals are less than 2 apart. */
 #define CUT_REACH (4.0f * OUTERMOST)
 
@@ -147,9 +146,6 @@ static float taken_by(const struct cr_img_cluster *c, int i, cr_vec3 n, float he
     const float most = 2.0f * c->ramp[i], across = sqrtf(higher_f(across2, 1e-14f));
     if (!(gap_m < OUTERMOST * across)) {
         return 0.0f;
-    }
-    if (height_m < -(OUTERMOST + 0.5f) * most) { /* all of every part is below both */
-        return (1.0f / PARTS) * (OUTERMOST * across - gap_m + higher_f(0.0f, INNERMOST * across - gap_m));
     }
     const float per = 1.0f / across;
     const float rise = per * v3_dot(spread, n), others = per * v3_dot(spread, other);
