@@ -173,8 +173,8 @@ CR_OUT_OF_LINE void forget_contact(cr_world *w) {
 
 /* How much of the contact in hand is felt at the feel with this stamp. */
 CR_OUT_OF_LINE float share_of_hand(const cr_world *w, uint32_t stamp) {
-    const uint32_t rises = w->taken - w->hand.stamp + w->hand.ahead, risen = stamp - w->taken + 1u;
-    return risen < rises ? (float)risen / (float)rises : 1.0f;
+    const uint32_t risen = stamp - w->taken + 1u;
+    return risen < w->rises ? (float)risen / (float)w->rises : 1.0f;
 }
 
 CR_OUT_OF_LINE void put_behind(cr_behind *behind, const cr_held *held, float share) {
@@ -197,15 +197,23 @@ static void move_behind(cr_world *w, uint32_t room) {
     }
 }
 
+/* Feels over which an answer rises: as many as it is old; where that is none, what was felt before has as long to fall as it was not corrected, or has begun to. */
+static uint32_t rises_over(const cr_world *w, const cr_hand *answer) {
+    const uint32_t age = w->felt.stamp - answer->stamp + answer->ahead, apart = answer->stamp - w->hand.stamp;
+    const uint32_t risen = w->felt.stamp - w->taken, left = w->rises > risen ? w->rises - risen : 0u;
+    return age > 1u || w->in_hand == 0u ? age : apart > left ? apart : left;
+}
+
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
     const uint32_t room = CR_AREAS_MAX - answer->count; /* of areas, for what falls beside it */
-    const int rises = w->felt.stamp - answer->stamp + answer->ahead > 1u && w->hand.count <= room;
-    if (rises) {
+    const uint32_t over = rises_over(w, answer);
+    if (over > 1u && w->hand.count <= room) {
         move_behind(w, room);
+        w->rises = over;
     } else {
-        w->behind.count = 0u;
+        w->behind.count = w->rises = 0u;
     }
-    w->taken = rises ? w->felt.stamp : answer->stamp;
+    w->taken = w->felt.stamp;
     w->hand.stamp = answer->stamp;
     w->hand.ahead = answer->ahead;
     w->hand.count = answer->count;
@@ -263,23 +271,21 @@ static void push_held(const instant *m, const cr_held *h, float share, cr_output
     push(m, share * h->share, a);
 }
 
-/* The contact in hand, and what falls behind it. */
-static void push_late(const instant *m, cr_output *out) {
+/* The contact in hand, that of this pose as out->areas hold it, and what falls behind it. */
+static void push_all(const instant *m, cr_output *out) {
     const cr_world *w = m->w;
     const float share = share_of_hand(w, w->felt.stamp);
+    out->area_count = out->stats.late_ticks > 0u ? 0u : w->hand.count;
     for (uint32_t i = 0; i < w->hand.count; i++) {
-        push_held(m, &w->hand.held[i], share, out);
+        if (out->stats.late_ticks > 0u) {
+            push_held(m, &w->hand.held[i], share, out);
+        } else {
+            out->areas[i].depth_m *= share;
+            push(m, share * w->hand.held[i].share, &out->areas[i]);
+        }
     }
     for (uint32_t i = 0; i < w->behind.count && share < 1.0f; i++) {
         push_held(m, &w->behind.held[i], w->behind.share[i] * (1.0f - share), out);
-    }
-}
-
-/* The contact of this pose: out->areas hold it. */
-static void push_whole(const instant *m, cr_output *out) {
-    out->area_count = m->w->hand.count;
-    for (uint32_t i = 0; i < out->area_count; i++) {
-        push(m, m->w->hand.held[i].share, &out->areas[i]);
     }
 }
 
@@ -315,11 +321,7 @@ static void feel(cr_world *w, float period_s, cr_output *out) {
     m.now = cr_xform_from_pose(&w->felt.pose);
     m.before = cr_xform_from_pose(&w->previous);
     m.per_s = w->has_previous != 0u ? 1.0f / max_f(period_s, PERIOD_MIN_S) : 0.0f;
-    if (out->stats.late_ticks > 0u) {
-        push_late(&m, out);
-    } else {
-        push_whole(&m, out);
-    }
+    push_all(&m, out);
     if (out->area_count > 0u) {
         sum_areas(w, &m.now, out);
     }

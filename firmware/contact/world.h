@@ -57,7 +57,8 @@ struct cr_world {
     cr_pose previous; /* the last good one */
     uint32_t has_previous, faults;
     cr_hand hand;      /* the newest contact, */
-    uint32_t taken;    /* taken up at the feel with this stamp: it rises over as many as it is old then, */
+    uint32_t taken;    /* taken up at the feel with this stamp, */
+    uint32_t rises;    /* over so many it rises, */
     cr_behind behind;  /* while this falls; */
     uint32_t in_hand;  /* half-spaces of both */
     uint32_t late_max; /* who feels lets go of an answer that is older, in feels */
