@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crease.bake.gather import I32, FinePoints, Gathered
+from crease.bake.reflex import ReflexCorners, cut_at, reflex_corners
 from crease.bake.surface import Surface
 from crease.bake.vectors import F64, I64, unit
 from crease.base.progress import part_of
@@ -97,11 +98,19 @@ class Cells:
     patch: I64
 
 
-def relax(fine: FinePoints, patch: int, spacing_m: float, tick: Tick, even: bool = False) -> Cells:
+def relax(
+    fine: FinePoints,
+    corners: ReflexCorners,
+    patch: int,
+    spacing_m: float,
+    tick: Tick,
+    even: bool = False,
+) -> Cells:
     """Fine points of one patch gathered into cells: positions on the surface, area vectors that add up, and the
     second moment of each cell about its middle.
 
-    A centroidal Voronoi tessellation in the space of position and weighted normal. even: as many cells as the area
+    A centroidal Voronoi tessellation in the space of position and weighted normal, cut at the patch's reflex corners:
+    the second moment of a cell round one is that of a parallelogram across the hollow. even: as many cells as the area
     says; boxes that lie across a surface give up to twice that.
     """
     points = Gathered(fine, NORMAL_WEIGHT * spacing_m, spacing_m)
@@ -112,6 +121,7 @@ def relax(fine: FinePoints, patch: int, spacing_m: float, tick: Tick, even: bool
     for step in range(LLOYD_STEPS):
         label = without_gaps(points.nearest(points.means(label), label))
         tick((step + 1) / LLOYD_STEPS)
+    label = cut_at(corners, fine.position_m, label, spacing_m)
     middle = np.ascontiguousarray(points.means(label)[:, :3])
     own = fine.area_m2[fine.triangle]
     area = np.column_stack([np.bincount(label, own[:, k]) for k in range(3)]).astype(np.float64)
@@ -161,12 +171,14 @@ def make_cells(
     patch = surface.patch_of[owner[fine.triangle]]
     order = np.argsort(patch, kind="stable")
     bounds = np.flatnonzero(np.diff(patch[order])) + 1
+    reflex = reflex_corners(surface)
     parts, done = [], 0
     for rows in np.split(order, bounds):
         share = len(rows) / len(order)
         parts.append(
             relax(
                 fine.of(rows),
+                reflex.of(int(patch[rows[0]])),
                 int(patch[rows[0]]),
                 spacing_m,
                 part_of(tick, done / len(order), share),

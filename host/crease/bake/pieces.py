@@ -33,6 +33,8 @@ KNOWN_BOXES = 64
 twice as many pieces take up to half as long again: filling them costs more than they save."""
 EDGE_SLACK = 0.01
 """How far a sample of a piece may lie above its planes beyond an edge, in spacings: as far it may be felt too deep."""
+NEAR = 2.5
+"""A sample behind the planes of no piece is of one that has samples within so many spacings of it."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
 
@@ -150,13 +152,57 @@ def _lies_behind(
     return np.isin(np.arange(len(point)), left)
 
 
+def _rise_m(point: F64, own: int, rows: I64, centre: F64, normal: F64) -> float:
+    """How far a point (3,) rises above the planes of clusters `rows` but that of its own, at least 0.
+
+    Above those that face as its own does, beyond what RISE_MAX allows. Shapes: centre, normal (clusters, 3).
+    """
+    others = rows[rows != own]
+    way = point - centre[others]
+    alike = normal[others] @ normal[own] > SHARP
+    allowed = np.where(alike, RISE_MAX * np.linalg.norm(way, axis=1), 0.0)
+    rise = np.einsum("nx,nx->n", way, normal[others]) - allowed
+    return float(rise.max(initial=0.0))
+
+
+def _least_risen(
+    out: I64,
+    position_m: F64,
+    cluster: I64,
+    pieces: list[I64],
+    centre: F64,
+    normal: F64,
+    near_m: float,
+) -> I64:
+    """out, the piece of each sample (n,), with those of none in the piece above whose planes they rise least.
+
+    Of the pieces of samples within near_m and those of the sample's cluster; of equal ones the first. Shapes:
+    position_m (n, 3), cluster (n,); centre, normal (clusters, 3).
+    """
+    lost, known = np.flatnonzero(out == PIECE_NONE), np.flatnonzero(out != PIECE_NONE)
+    near = cKDTree(position_m[lost].reshape(-1, 3)).query_ball_tree(
+        cKDTree(position_m[known].reshape(-1, 3)), near_m
+    )
+    holders: list[list[int]] = [[] for _ in centre]
+    for piece, rows in enumerate(pieces):
+        for row in rows:
+            holders[row].append(piece)
+    made = out.copy()
+    for sample, ids in zip(lost, near, strict=True):
+        point, own = position_m[sample], int(cluster[sample])
+        asked = {*out[known[ids]].tolist(), *holders[own]}
+        rises = [(_rise_m(point, own, pieces[k], centre, normal), k) for k in sorted(asked)]
+        made[sample] = min(rises)[1]
+    return made
+
+
 def mark_pieces(
     normal: npt.NDArray[Any], position_m: F64, order: list[I64], spacing_m: float, surface: Surface
 ) -> I64:
     """The piece of each sample, (n,): the first of those that are needed.
 
     Where a piece ends a sample is of it when it lies behind all its planes, whatever its cluster: that may reach across
-    a notch. One that is of none so is of the first piece of its cluster.
+    a notch. One that is of none so is of that near it above whose planes it rises least.
 
     Shapes: normal (clusters, 3); position_m (n, 3) of the samples, order: those of each cluster.
     """
@@ -172,7 +218,6 @@ def mark_pieces(
             f"{len(pieces):,} convex pieces of the tool, at most {PIECE_NONE:,}: give one body, or a larger "
             f"{setting('spacing_m')}"
         )
-    of_cluster = np.full(len(centre), PIECE_NONE, np.int64)
     out = np.full(len(position_m), PIECE_NONE, np.int64)
     for piece, rows in enumerate(pieces):
         its = np.isin(cluster, rows)
@@ -181,5 +226,4 @@ def mark_pieces(
             position_m[rim], cluster[rim], rows, centre, normal, EDGE_SLACK * spacing_m
         )
         out[its & (out == PIECE_NONE)] = piece
-        of_cluster[rows] = np.minimum(of_cluster[rows], piece)
-    return np.where(out == PIECE_NONE, of_cluster[cluster], out)
+    return _least_risen(out, position_m, cluster, pieces, centre, normal, NEAR * spacing_m)
