@@ -24,7 +24,7 @@
 #define PARTS_OF_ROW 8u
 #define PARTS_OF_MEETS 10u
 #define PARTS_OF_EXIT 13u
-#define PARTS_OF_PLACE 26u
+#define PARTS_OF_PLACE 23u
 #define PARTS_OF_FIRST 2u
 #define PARTS_OF_MARCH 64u
 #define PARTS_OF_MARCHING 4u

@@ -7,7 +7,7 @@
 /* A crease ends here, in half-widths, but for rounding. */
 #define CREASE_END 1.001f
 /* Exits that are compared on a piece: the shortest ones. */
-#define RIVALS_MAX 3u
+#define RIVALS_MAX 4u
 
 /* How long the way is to the first exit from a place u beside the middle of the piece; planes that it does not leave through only bound the inside. Without
  * end where none leads out. */
@@ -60,56 +60,38 @@ static uint32_t find_rivals(const struct cr_img_cluster *c, int i, const cr_way_
     return count;
 }
 
-/* A place beside the middle of a piece, u = W y. */
-typedef struct {
-    cr_vec3 y, u;
-} place;
-
-/* Of a place 2 sqrt(y W y): 1 at the border of the piece. Where exits are nearly one their tie may be anywhere, y so long that y W y is rounding: u is no nearer the middle than in half-widths
- * of the widest. */
-static float half_widths(const struct cr_img_cluster *c, int i, const place *at) {
-    return sqrtf(higher_f(4.0f * v3_dot(at->u, at->y), v3_dot(at->u, at->u) / (c->ramp[i] * c->ramp[i])));
-}
-
-/* Exit at a place of a piece; or, when that lies beyond its border, where the way to it from another, which is nowhere nearer to the middle, crosses it: it fades out from there on. A bent
- * piece lies behind its plane. */
-static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, const place *from, const place *to,
-                     float base_m) {
-    const float out = half_widths(c, i, to);
-    cr_vec3 u = to->u;
+/* Exit at the place u = W y of a piece, 2 sqrt(y W y) is 1 at its border; or, when that lies beyond it, where the way to it crosses the border: it fades
+ * out from there on. A bent piece lies behind its plane. Where exits are nearly one their tie may be anywhere, y so long that y W y is rounding: u is
+ * no nearer the middle than in half-widths of the widest. */
+static float exit_at(const struct cr_img_cluster *c, int i, const cr_way_exits *e, cr_vec3 y, float base_m) {
+    const cr_vec3 u = spread_times(c, i, y);
+    const float out = sqrtf(higher_f(4.0f * v3_dot(u, y), v3_dot(u, u) / (c->ramp[i] * c->ramp[i])));
     if ((c->crease_mask >> i) & 1u) {
         return out <= CREASE_END ? first_exit(e, u) : base_m;
     }
-    const int wide = cr_way_is_wide(c, i);
-    const float full = wide ? CR_WAY_END : 1.0f, ends = wide ? CR_WAY_END : CR_WAY_FLAT_END, at = min_f(out, full);
     if (!(out < CR_WAY_REACH)) { /* nor where it is not a number */
         return base_m;
     }
-    if (out > full) {
-        const float in = half_widths(c, i, from);
-        if (!(in < full)) {
-            return base_m;
-        }
-        u = v3_mad(from->u, v3_sub(u, from->u), sqrtf((full * full - in * in) / (out * out - in * in)));
-    }
+    const int wide = cr_way_is_wide(c, i);
+    const float full = wide ? CR_WAY_END : 1.0f, ends = wide ? CR_WAY_END : CR_WAY_FLAT_END, at = min_f(out, full);
     const float part = clamp_f((CR_WAY_REACH - out) / (CR_WAY_REACH - ends), 0.0f, 1.0f);
-    return base_m + part * (first_exit(e, u) - c->bow[i] * at * at - base_m);
+    const float way_m = first_exit(e, v3_scale(u, out > full ? full / out : 1.0f)) - c->bow[i] * at * at;
+    return base_m + part * (way_m - base_m);
 }
 
-/* Nearest place where two exits are as long as each other. */
-static int tie_of_two(const rival *a, const rival *b, place *at) {
+/* Nearest place where two exits are as long as each other: its y. */
+static int tie_of_two(const rival *a, const rival *b, cr_vec3 *at) {
     const cr_vec3 y = v3_sub(a->gradient, b->gradient), u = v3_sub(a->spread, b->spread);
-    const float size = v3_dot(y, u), s = (b->way_m - a->way_m) / size;
+    const float size = v3_dot(y, u);
     if (!(size > 0.0f)) {
         return 0;
     }
-    at->y = v3_scale(y, s);
-    at->u = v3_scale(u, s);
+    *at = v3_scale(y, (b->way_m - a->way_m) / size);
     return 1;
 }
 
 /* Where three are: the tip of a static corner. */
-static int tie_of_three(const rival *a, const rival *b, const rival *c, place *at) {
+static int tie_of_three(const rival *a, const rival *b, const rival *c, cr_vec3 *at) {
     const cr_vec3 y = v3_sub(a->gradient, b->gradient), z = v3_sub(a->gradient, c->gradient);
     const cr_vec3 u = v3_sub(a->spread, b->spread), v = v3_sub(a->spread, c->spread);
     const float yu = v3_dot(y, u), yv = v3_dot(y, v), zv = v3_dot(z, v), det = yu * zv - yv * yv;
@@ -118,8 +100,7 @@ static int tie_of_three(const rival *a, const rival *b, const rival *c, place *a
     }
     const float f = b->way_m - a->way_m, g = c->way_m - a->way_m;
     const float s = (f * zv - g * yv) / det, t = (g * yu - f * yv) / det;
-    at->y = v3_mad(v3_scale(y, s), z, t);
-    at->u = v3_mad(v3_scale(u, s), v, t);
+    *at = v3_mad(v3_scale(y, s), z, t);
     return 1;
 }
 
@@ -132,19 +113,18 @@ static cr_vec3 end_of_crease(const struct cr_img_cluster *c, int i) {
     return v3_scale(column, c->reach[i] / sqrtf(v3_dot(column, column) + 1e-37f));
 }
 
-/* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long; where three are beyond its border, by how far it goes on along two of them. */
+/* Longest first exit over a piece: at its middle, at the ends of a crease, and where two or three exits are as long. */
 float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *e, float known_m, uint32_t *places) {
     const int is_crease = (int)((c->crease_mask >> i) & 1u);
     CR_ASSERT(e->count <= CR_WAY_EXITS_MAX);
     rival r[RIVALS_MAX];
-    static const place middle = {{0.0f, 0.0f, 0.0f}, {0.0f, 0.0f, 0.0f}};
-    place tie = middle;
+    cr_vec3 y = {0.0f, 0.0f, 0.0f};
     const uint32_t count = find_rivals(c, i, e, is_crease ? CREASE_END : CR_WAY_REACH, known_m, r);
     *places = 1u;
     if (count == 0u) {
         return 0.0f;
     }
-    const float base = max_f(0.0f, first_exit(e, middle.u));
+    const float base = max_f(0.0f, first_exit(e, y));
     float best = base;
     uint32_t looked_at = is_crease ? 3u : 1u;
     if (is_crease) {
@@ -153,16 +133,11 @@ float cr_way_longest(const struct cr_img_cluster *c, int i, const cr_way_exits *
     }
     for (uint32_t a = 0; a < count; a++) {
         for (uint32_t b = 0; b < a; b++) {
-            looked_at++;
-            best = tie_of_two(&r[a], &r[b], &tie) ? max_f(best, exit_at(c, i, e, &middle, &tie, base)) : best;
-        }
-    }
-    if (count == RIVALS_MAX && !is_crease && tie_of_three(&r[0], &r[1], &r[2], &tie)) {
-        looked_at += RIVALS_MAX;
-        for (uint32_t k = 0; k < RIVALS_MAX; k++) {
-            place from = middle;
-            const int is_there = tie_of_two(&r[k], &r[k == 0u ? 2u : k - 1u], &from);
-            best = is_there ? max_f(best, exit_at(c, i, e, &from, &tie, base)) : best;
+            looked_at += is_crease ? 1u : 1u + b;
+            best = tie_of_two(&r[a], &r[b], &y) ? max_f(best, exit_at(c, i, e, y, base)) : best;
+            for (uint32_t d = 0; d < b && !is_crease; d++) {
+                best = tie_of_three(&r[a], &r[b], &r[d], &y) ? max_f(best, exit_at(c, i, e, y, base)) : best;
+            }
         }
     }
     *places = looked_at;

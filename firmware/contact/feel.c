@@ -197,11 +197,11 @@ static void move_behind(cr_world *w, uint32_t room) {
     }
 }
 
-/* Feels over which an answer rises: as many as it is old; where that is none, what was felt before has as long to fall as it was not corrected, or has begun to. */
+/* Feels over which an answer rises: as many as it is old. What was felt before one of the last feel has as long to fall as it was not corrected, or has begun to; that of this feel stands by itself. */
 static uint32_t rises_over(const cr_world *w, const cr_hand *answer) {
     const uint32_t age = w->felt.stamp - answer->stamp + answer->ahead, apart = answer->stamp - w->hand.stamp;
     const uint32_t risen = w->felt.stamp - w->taken, left = w->rises > risen ? w->rises - risen : 0u;
-    return age > 1u || w->in_hand == 0u ? age : apart > left ? apart : left;
+    return age != 1u || w->in_hand == 0u ? age : apart > left ? apart : left;
 }
 
 void cr_take_hand(cr_world *w, const cr_hand *answer) {
@@ -271,21 +271,23 @@ static void push_held(const instant *m, const cr_held *h, float share, cr_output
     push(m, share * h->share, a);
 }
 
-/* The contact in hand, that of this pose as out->areas hold it, and what falls behind it. */
-static void push_all(const instant *m, cr_output *out) {
+/* The contact in hand, and what falls behind it. */
+static void push_late(const instant *m, cr_output *out) {
     const cr_world *w = m->w;
     const float share = share_of_hand(w, w->felt.stamp);
-    out->area_count = out->stats.late_ticks > 0u ? 0u : w->hand.count;
     for (uint32_t i = 0; i < w->hand.count; i++) {
-        if (out->stats.late_ticks > 0u) {
-            push_held(m, &w->hand.held[i], share, out);
-        } else {
-            out->areas[i].depth_m *= share;
-            push(m, share * w->hand.held[i].share, &out->areas[i]);
-        }
+        push_held(m, &w->hand.held[i], share, out);
     }
     for (uint32_t i = 0; i < w->behind.count && share < 1.0f; i++) {
         push_held(m, &w->behind.held[i], w->behind.share[i] * (1.0f - share), out);
+    }
+}
+
+/* The contact of this pose: out->areas hold it. */
+static void push_whole(const instant *m, cr_output *out) {
+    out->area_count = m->w->hand.count;
+    for (uint32_t i = 0; i < out->area_count; i++) {
+        push(m, m->w->hand.held[i].share, &out->areas[i]);
     }
 }
 
@@ -321,7 +323,11 @@ static void feel(cr_world *w, float period_s, cr_output *out) {
     m.now = cr_xform_from_pose(&w->felt.pose);
     m.before = cr_xform_from_pose(&w->previous);
     m.per_s = w->has_previous != 0u ? 1.0f / max_f(period_s, PERIOD_MIN_S) : 0.0f;
-    push_all(&m, out);
+    if (out->stats.late_ticks > 0u) {
+        push_late(&m, out);
+    } else {
+        push_whole(&m, out);
+    }
     if (out->area_count > 0u) {
         sum_areas(w, &m.now, out);
     }

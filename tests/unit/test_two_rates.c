@@ -369,12 +369,43 @@ static void areas_beyond_room_are_counted(void **state) {
         w->behind.share[i] = 1.0f;
     }
     w->taken = w->felt.stamp;
-    w->hand.stamp = w->felt.stamp - 10u; /* two tenths of it have risen at the next feel */
+    w->hand.stamp = w->felt.stamp - 10u;
+    w->rises = 10u; /* two tenths of it have risen at the next feel */
     const cr_output out = feel(&wall, &pose);
     assert_int_equal(out.area_count, CR_AREAS_MAX);
     assert_int_equal(out.stats.areas_merged, 2u);
     assert_float_equal(out.areas[0].depth_m, 0.2f * 1e-3f, ROUNDING_N / STIFFNESS_N_M);
     assert_float_equal(out.force_world_N.z, 0.2f * (float)CR_AREAS_MAX * STIFFNESS_N_M * 1e-3f, 0.1f);
+}
+
+/* A contact that answers of one feel say is gone falls over as many feels as nothing was said of it, whatever comes meanwhile; what comes then is felt in full. */
+static void what_was_felt_falls_over_the_feels_that_it_was_not_corrected_for(void **state) {
+    (void)state;
+    const cr_pose pose = pressed(1e-3);
+    for (uint32_t old = 1u; old < 9u; old++) {
+        cr_hand answer = {.count = 0u};
+        restart(&wall);
+        cr_world *w = wall.world;
+        for (uint32_t k = 0u; k < 20u; k++) {
+            (void)feel(&wall, &pose);
+        }
+        w->hand.count = w->in_hand = 1u;
+        w->hand.held[0] = (cr_held){
+            .normal_world = {0.0f, 0.0f, 1.0f}, .offset_m = (float)HALF_M, .share = 1.0f, .facet = CR_FACET_NONE};
+        w->hand.stamp = w->felt.stamp - old;
+        answer.memory = w->felt.memory;
+        for (uint32_t k = 1u; k < 20u; k++) {
+            answer.stamp = w->felt.stamp;
+            cr_mailbox_put(&w->hands, w->hand_words, &answer, CR_WORDS_OF(cr_hand));
+            const float left = k < old ? 1.0f - (float)k / (float)old : 0.0f;
+            assert_float_equal(feel(&wall, &pose).force_world_N.z, left * STIFFNESS_N_M * 1e-3f, ROUNDING_N);
+        }
+        answer.count = 1u;
+        answer.held[0] = w->hand.held[0];
+        answer.stamp = w->felt.stamp;
+        cr_mailbox_put(&w->hands, w->hand_words, &answer, CR_WORDS_OF(cr_hand));
+        assert_float_equal(feel(&wall, &pose).force_world_N.z, STIFFNESS_N_M * 1e-3f, ROUNDING_N);
+    }
 }
 
 int main(void) {
@@ -387,6 +418,7 @@ int main(void) {
         cmocka_unit_test(feel_with_a_bad_pose_forgets_what_is_searched_for),
         cmocka_unit_test(answers_that_say_the_same_change_nothing),
         cmocka_unit_test(areas_beyond_room_are_counted),
+        cmocka_unit_test(what_was_felt_falls_over_the_feels_that_it_was_not_corrected_for),
     };
     return cmocka_run_group_tests(tests, open_rigs, close_rigs);
 }

@@ -26,10 +26,8 @@ RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c
 # And passes of -Os that make one source or another larger: SOURCE=FLAG.
 WITHOUT := $(addprefix firmware/contact/,$(addsuffix =-fno-tree-forwprop,answer.c search.c gather.c)) \
     $(addprefix firmware/,$(addsuffix =-fno-inline-functions-called-once,contact/resolve.c servo/pose.c servo/bus.c servo/modes.c)) \
-    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) $(addsuffix =-fno-schedule-insns2,measure.c detect.c planes.c)) \
-    $(addprefix firmware/contact/,field.c=-fno-conserve-stack search.c=-fno-tree-fre gather.c=-fno-tree-vrp layers.c=-fno-tree-tail-merge scene.c=-fno-inline-small-functions layers.c=-fno-conserve-stack exits.c=-fno-tree-ter planes.c=-fno-move-loop-invariants) \
-    $(addprefix firmware/,$(addsuffix =-fno-reorder-blocks,contact/detect.c contact/exits.c servo/servo.c servo/control.c servo/pose.c) servo/pose.c=-fno-ivopts) \
-    $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/detect.c contact/scene.c servo/servo.c servo/control.c))
+    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2 detect.c=-fno-schedule-insns2 layers.c=-fno-conserve-stack layers.c=-fno-tree-tail-merge planes.c=-fno-schedule-insns2 exits.c=-fno-tree-ter) \
+    $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c))
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
