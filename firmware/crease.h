@@ -222,7 +222,7 @@ void cr_world_clear_fault(cr_world *world);
  *          answered: their planes stay, their points move with the tool, zones are not reported. An answer that is n > 1 ticks old
  *          then rises over n, or n + 1 where it looked ahead, in equal parts, and what was felt before falls; where both together
  *          have more than CR_AREAS_MAX half-spaces it comes at once.
- * Errors   none: see faults and stats.
+ * Errors   none: see faults and stats. No pointer may be null: none is checked, a null one is undefined behaviour.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
 
@@ -230,12 +230,14 @@ void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr
  * Units    work: in lookups of 16 points, as cr_config.lookups_max, which is not asked here.
  * Threads  one at a time; it may be interrupted by cr_feel at any place, or run beside it. Neither waits for the other. A world is driven by cr_tick or by
  *          these two; cr_world_clear_fault stands between when they change.
- * Output   work done; 0: the newest pose has its answer, or none was felt with the last answer yet: wait for another.   Cost  as cr_tick. */
+ * Output   work done; 0: the newest pose has its answer, or none was felt with the last answer yet: wait for another.
+ * Errors   none. world may not be null: it is not checked, a null one is undefined behaviour.   Cost  as cr_tick. */
 uint32_t cr_search(cr_world *world, uint32_t work);
 
 /* Purpose  the other part: the wrench at a pose, of the newest contact that cr_search found; as cr_tick otherwise.
  * Output   as a tick that answers late: stats.late_ticks counts feels, areas have no zones, stats tell nothing of the search. Nothing ends a contact
  *          that nobody searches for any more: what late_ticks is too many is the caller's to say.
+ * Errors   as cr_tick: faults and stats; a null pointer is undefined behaviour.
  * Cost     whatever the scene, whatever is searched: README.md. */
 void cr_feel(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);
 

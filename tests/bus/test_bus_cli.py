@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import json
+import logging
 import subprocess
 import sys
 import threading
@@ -16,6 +18,9 @@ import can
 import numpy as np
 import pytest
 from bus_tools import NODES, Link, enable, last_state, make_link, setup_layout, torques
+from crease.base.errors import BusError
+from crease.bus.inprocess import InprocessBus
+from crease.bus.transport import open_bus
 from crease.cli import main
 from crease.verbs.sim import load_path, parse_fault
 from host_tools import Said
@@ -323,6 +328,32 @@ def test_a_bus_that_cannot_be_opened_is_one_line_without_those_of_its_library() 
     assert said.stderr.startswith("error: udp_multicast 1.2: cannot be opened: ")
     assert said.stderr.endswith("; see python-can's page of this interface\n")
     assert said.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("error", [can.CanInitializationError, BusError, KeyboardInterrupt])
+def test_a_bus_that_cannot_be_opened_leaves_the_log_of_its_library_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    error: type[BaseException],
+) -> None:
+    def connect(_: can.BusABC) -> None:
+        raise OSError("no wire")
+
+    def refuse(self: can.BusABC, channel: str, **_: object) -> None:
+        can.BusABC.__init__(self, channel)
+        try:
+            connect(self)
+        except OSError as cause:
+            raise error(channel) from cause
+
+    monkeypatch.setattr(InprocessBus, "__init__", refuse)
+    monkeypatch.setattr(InprocessBus, "shutdown", lambda self: None)
+    caplog.set_level(logging.INFO, "can")
+    with pytest.raises((BusError, KeyboardInterrupt)):
+        open_bus("inprocess", "x")
+    gc.collect()
+    assert logging.getLogger("can").level == logging.INFO
+    assert caplog.records == [], "a bus that was half made says nothing of its end"
 
 
 def test_a_kernel_without_socketcan_is_told(monkeypatch: pytest.MonkeyPatch) -> None:

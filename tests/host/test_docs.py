@@ -67,6 +67,15 @@ def test_every_function_of_the_headers_has_a_place(docs: Path) -> None:
     assert "Output *scene." in seen
 
 
+@pytest.mark.parametrize("name", ["cr_tick", "cr_search", "cr_feel"])
+def test_the_tick_and_its_parts_say_what_a_null_pointer_does(name: str) -> None:
+    header = (ROOT / "firmware/crease.h").read_text("utf-8")
+    before, _, _ = header.partition(f" {name}(")
+    contract = header_filter.contract(header_filter.COMMENT.findall(before)[-1])
+    errors = contract.partition("@par Errors\n")[2].partition("@par")[0]
+    assert "null" in errors
+
+
 def test_contracts_become_paragraphs() -> None:
     made = header_filter.convert(
         "int f(int *a); /* behind */\n/* Purpose  one & all.   Output  *a.\n * Cost  little. */\nint g;\n"

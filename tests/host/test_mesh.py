@@ -382,6 +382,15 @@ def test_wrong_unit_is_refused_with_the_likely_one() -> None:
         make_mesh(vertices, triangles, 1.0)
 
 
+@pytest.mark.parametrize("unit_m", ["mm", np.nan, np.inf, 0.0, -1e-3, None])
+def test_a_scale_that_is_none_is_refused_in_one_line(unit_m: Any) -> None:
+    with pytest.raises(MeshError) as refused:
+        make_mesh(*box((0, 0, 0), (30, 30, 30)), unit_m, source="plate")
+    assert str(refused.value) == (
+        f"plate: unit_m is {unit_m!r}; give a finite number, m per unit of the mesh (0.001 for mm), above 0"
+    )
+
+
 def test_unlikely_unit_gets_a_warning() -> None:
     mesh = make_mesh(*box((0, 0, 0), (30, 30, 30)), 1.0)
     assert "52 m across" in mesh.warnings[0]

@@ -6,6 +6,7 @@ import argparse
 import logging
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -95,12 +96,10 @@ def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: A
     """A python-can bus.   Errors: BusError on one line when it cannot be opened."""
     check_bitrate(bitrate)
     check_channel(interface, channel)
-    log = logging.getLogger("can")
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)  # and so it stays where our line says what is wrong
     options: dict[str, Any] = {} if bitrate is None else {"bitrate": bitrate}
     try:
-        bus = can.Bus(channel=channel, interface=interface, **options, **more)
+        with _unsaid():
+            bus = can.Bus(channel=channel, interface=interface, **options, **more)
     except BusError:
         raise
     except Exception as error:  # every interface of python-can raises its own kinds
@@ -108,9 +107,30 @@ def open_bus(interface: str, channel: str, bitrate: int | None = None, **more: A
         raise BusError(
             f"{interface} {channel}: cannot be opened: {text.rstrip('.')}; see python-can's page of this interface"
         ) from error
-    log.setLevel(level)
     enlarge(bus)
     return bus
+
+
+@contextmanager
+def _unsaid() -> Iterator[None]:
+    """Within this python-can logs nothing: what is wrong is said in one line."""
+    log = logging.getLogger("can")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    except BaseException as error:
+        _end_half_made(error)
+        raise
+    finally:
+        log.setLevel(level)
+
+
+def _end_half_made(error: BaseException | None) -> None:
+    """A half-made bus, which the frames of an error hold, ends now: python-can logs its end."""
+    while error is not None:
+        traceback.clear_frames(error.__traceback__)
+        error = error.__context__
 
 
 def enlarge(bus: can.BusABC) -> None:

@@ -138,8 +138,15 @@ def make_mesh(
 ) -> Mesh:
     """A mesh from arrays (n, 3) and (m, 3), with the same checks and mends as a file; options as for load_mesh.
 
-    Errors: MeshError.
+    unit_m: m per unit of the mesh, finite and above 0.
+    Errors: MeshError, also for a unit_m that is none: a unit's name is for load_mesh.
     """
+    check_positive(
+        f"{source}: unit_m",
+        unit_m,
+        "a finite number, m per unit of the mesh (0.001 for mm),",
+        MeshError,
+    )
     points = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
     corners = np.asarray(triangles, dtype=np.int64).reshape(-1, 3)
     _check_numbers(points, corners, source)
