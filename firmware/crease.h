@@ -221,7 +221,8 @@ void cr_world_clear_fault(cr_world *world);
  *          felt, as the answer before and the motion since tell, no farther than samples are apart. Meanwhile the last areas are
  *          answered: their planes stay, their points move with the tool, zones are not reported. An answer that is n > 1 ticks old
  *          then rises over n, or n + 1 where it looked ahead, in equal parts, and what was felt before falls; where both together
- *          have more than CR_AREAS_MAX half-spaces it comes at once.
+ *          have more than CR_AREAS_MAX half-spaces it comes at once. After one that is a tick old what was felt before falls over
+ *          the ticks since the answer before, or goes on falling; one of this tick stands by itself.
  * Errors   none: see faults and stats. No pointer may be null: none is checked, a null one is undefined behaviour.
  * Cost     stats.work, which ends with the step that takes it to lookups_max: one cluster, or one zone; typical figures in README.md. */
 void cr_tick(cr_world *world, const cr_pose *world_from_tool, float period_s, cr_output *out);

@@ -3,7 +3,8 @@
 
 /* Least share of the full width over which the depth of a piece, or of a part of one, fades in: with half of it the block in the groove is 0.5 degrees off as a wall lets go. */
 #define WIDTH_MIN 0.25f
-/* Times that the parts of a piece tell more of its depth than its coverage, or less, at most. */
+/* Times that the parts of a piece tell more of its depth than its coverage, or less, at most. Whatever they tell, a cube that comes down on an edge of 25 degrees is pushed 0.12 mm farther within a
+ * micrometre instead of 0.016. */
 #define PARTS_MOST 4.0f
 
 float cr_way_share(cr_vec3 g, uint32_t side) {

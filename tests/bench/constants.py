@@ -71,8 +71,9 @@ GIVEN = {
     "BOX_MAX": "work, no answer",
     "RIVALS_MAX": "work",
     "LANES_OF_STEP": "how finely work is cut",
-    "CUTS_OF_STEP": "how finely work is cut",
-    "PAIRS": "how finely a piece is cut: four by four",
+    "PARTS": "how finely a piece is cut that two planes cut",
+    "OUTERMOST": "where the parts of such a piece are",
+    "CUT_REACH": "work: beyond it nothing is cut",
     "CR_WORK_PARTS": "how finely work is counted",
     "CR_WAY_BOUNDS_MAX": "a capacity",
 }
