@@ -166,21 +166,22 @@ static float taken_by(const struct cr_img_cluster *c, int i, cr_vec3 n, float he
 static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster *c, int i, uint32_t top, float coverage,
                                  const cr_planes *p, const cr_heights *h, cr_way_layers *out, cr_way_layer **of,
                                  uint32_t *asked) {
+    const uint32_t count = p->count;
     float height_m[CR_KIND_FACETS_MAX], share[CR_KIND_FACETS_MAX], corner = 0.0f, total = 0.0f;
     if (p->reach > 1.0f) {
-        out->parts += PARTS_OF_SHARE * p->count;
-        for (uint32_t k = 0; k < p->count; k++) {
+        out->parts += PARTS_OF_SHARE * count;
+        for (uint32_t k = 0; k < count; k++) {
             height_m[k] = h->height_m[k][i];
         }
-        corner = cr_corner_part(height_m, p->count, c->ramp[i]);
+        corner = cr_corner_part(height_m, count, c->ramp[i]);
     }
     const float top_m = h->top_m[i], reach_m = cr_corner_reach(corner) * c->ramp[i];
     const part all = {1.0f, -top_m, 0.0f}; /* of it is below, however wide it is */
     const part whole = top_m > -CR_CORNER_REACH * c->ramp[i] ? part_below(c, i, p->normal_tool[top], top_m) : all;
     float depth = depth_below_corner(c, i, whole, top_m, corner, coverage), second_m = -3.4e38f;
     uint32_t second = top;
-    out->parts += PARTS_OF_SHARE * (2u + p->count);
-    for (uint32_t k = 0; k < p->count; k++) {
+    out->parts += PARTS_OF_SHARE * (2u + count);
+    for (uint32_t k = 0; k < count; k++) {
         const float its_m = h->height_m[k][i];
         share[k] = max_f(0.0f, its_m - top_m + reach_m);
         total += share[k];
@@ -196,7 +197,7 @@ static void fill_lane_over_solid(const cr_scene *s, const struct cr_img_cluster 
         out->parts += PARTS_OF_CUT;
     }
     out->deep_m = higher_f(out->deep_m, depth);
-    for (uint32_t k = 0; k < p->count; k++) {
+    for (uint32_t k = 0; k < count; k++) {
         const float its = share[k] > 0.0f ? share[k] / total : 0.0f, deep = depth * its;
         if (!(deep > 0.0f)) {
             continue;
