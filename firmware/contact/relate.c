@@ -55,6 +55,9 @@
 #define FALLS 0.5f
 /* Of a zone that weighs little more than what there was no room for at least this share is kept: were all as light, none would push. */
 #define KEPT_MIN 0.25f
+/* Where zones had no room a half-space that weighs less than they did opens by how it compares: what is gone turned its way. Up to half the share of all that each has
+ * where all are alike: then each pushes. */
+#define LITTLE (0.5f / (float)CR_WAY_ZONES_MAX)
 
 /* Not in line: once for each sum of a zone. */
 CR_OUT_OF_LINE void lessen(cr_vec3 *sum, float kept) { *sum = v3_scale(*sum, kept); }
@@ -235,8 +238,8 @@ static void limit_projection(const cr_way_zones *zones, const float *part, cr_wa
     begin_projection(zones, part, TWICE * whole / max_f(cone->seen * cone->known, 1e-6f), cone);
 }
 
-/* Room for one more bound of this weight: where there is none, that of the lightest. Null when none is lighter. */
-static cr_way_bound *bound_for(cr_way_half *out, float weight_m3) {
+/* Room for one more bound of this weight: where there is none, that of the lightest. Null when none is lighter. dropped_m3: of the heaviest without room. */
+static cr_way_bound *bound_for(cr_way_half *out, float weight_m3, float *dropped_m3) {
     if (out->bound_count < CR_WAY_BOUNDS_MAX) {
         return &out->bounds[out->bound_count++];
     }
@@ -244,12 +247,14 @@ static cr_way_bound *bound_for(cr_way_half *out, float weight_m3) {
     for (uint32_t b = 1; b < CR_WAY_BOUNDS_MAX; b++) {
         least = out->bounds[b].weight_m3 < least->weight_m3 ? &out->bounds[b] : least;
     }
+    *dropped_m3 = higher_f(*dropped_m3, lower_f(least->weight_m3, weight_m3));
     return least->weight_m3 < weight_m3 ? least : NULL;
 }
 
 /* Planes that zone a is below: of the flat zones that it is related to and does not lie above, the weightiest; each is of one zone. */
 static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const cr_way_relations *r, uint32_t a,
                         cr_way_half *out) {
+    float dropped_m3 = 0.0f;
     out->bound_count = 0u;
     for (uint32_t c = 0; c < zones->count; c++) {
         const cr_way_zone *z = &zones->zones[c];
@@ -260,11 +265,15 @@ static void find_bounds(const cr_scene *scene, const cr_way_zones *zones, const 
         if ((z->key.surface & CR_WAY_CURVED) != 0u || !(held > 0.0f)) {
             continue;
         }
-        cr_way_bound *bound = bound_for(out, held * z->weight_m3);
+        cr_way_bound *bound = bound_for(out, held * z->weight_m3, &dropped_m3);
         if (bound != NULL) {
             *bound = (cr_way_bound){z->key.surface, r->unit[c],     -v3_dot(r->unit[c], r->touched[c]),
                                     held,           (uint32_t)sure, held * z->weight_m3};
         }
+    }
+    for (uint32_t b = 0; b < out->bound_count;
+         b++) { /* which of two gives way turns at once: by then the one that stays bounds nothing */
+        out->bounds[b].weight_m3 -= dropped_m3;
     }
 }
 
@@ -424,10 +433,11 @@ int cr_way_turn(const cr_way_zones *zones, uint32_t zone, const cr_way_relations
     return 0;
 }
 
-/* Most weight of a zone that leads it; one that could lead two is related to nearly the same weight counts as far as it is. */
+/* Most weight of a zone that leads it; one that could lead two is related to nearly the same weight counts as far as it is. One without its neighbours, for which there was no room, fades. */
 uint32_t cr_way_agree(const cr_way_zones *zones, const cr_way_relations *r, uint32_t index, cr_way_half *halves) {
     cr_way_half *half = &halves[index];
-    const float enough = MINOR * half->weight_m3, *own = r->part[r->first[index]];
+    const float little_m3 = lower_f(zones->dropped_m3, LITTLE * r->all_m3);
+    const float enough = higher_f(MINOR * half->weight_m3, little_m3), *own = r->part[r->first[index]];
     float led = half->led_m3;
     uint32_t compared = 0u;
     CR_ASSERT(index < r->half_count);
