@@ -513,7 +513,7 @@ static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_w
         const uint32_t halves = r->half_count;
         w->left = cr_way_join(scene, zones, z, r, w->half, &w->cone);
         w->next += (uint32_t)(w->left == 0u);
-        return PARTS_OF_TAKEN + zones->count * (PARTS_OF_RELATED + PARTS_OF_SAME * halves);
+        return PARTS_OF_TAKEN + zones->count * (PARTS_OF_RELATED + PARTS_OF_SAME * (1u + halves));
     }
     const uint32_t related = cr_count_lanes(w->left);
     if (cr_way_turn(zones, z, r, w->half, &w->cone)) {

@@ -26,8 +26,9 @@ RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c
 # And passes of -Os that make one source or another larger: SOURCE=FLAG.
 WITHOUT := $(addprefix firmware/contact/,$(addsuffix =-fno-tree-forwprop,answer.c search.c gather.c)) \
     $(addprefix firmware/,$(addsuffix =-fno-inline-functions-called-once,contact/resolve.c servo/pose.c servo/bus.c servo/modes.c)) \
-    $(addprefix firmware/contact/,$(addsuffix =-fno-conserve-stack,layers.c field.c relate.c feel.c) $(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2 detect.c=-fno-schedule-insns2 layers.c=-fno-tree-tail-merge planes.c=-fno-schedule-insns2 exits.c=-fno-tree-ter) \
-    $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c))
+    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2 detect.c=-fno-schedule-insns2 layers.c=-fno-conserve-stack layers.c=-fno-tree-tail-merge planes.c=-fno-schedule-insns2 exits.c=-fno-tree-ter) \
+    $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c servo/modes.c) \
+        servo/servo.c=-fno-reorder-blocks servo/pose.c=-fno-ivopts servo/rerun.c=-fno-expensive-optimizations)
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
