@@ -320,6 +320,26 @@ static void the_lightest_zone_gives_way(void **state) {
     crt_close(&rig);
 }
 
+/* A half-space whose zone weighs less than what had no room fades, unless all zones are as light: which of them stay turns at once. */
+static void what_weighs_less_than_what_had_no_room_fades(void **state) {
+    (void)state;
+    static cr_way_relations relations;
+    static cr_way_zones zones;
+    static cr_way_half half;
+    const float weight[] = {0.01f, 0.01f, 0.01f, 1.0f / (float)CR_WAY_ZONES_MAX};
+    const float dropped[] = {0.0f, 0.01f, 0.5f, 1.0f / (float)CR_WAY_ZONES_MAX};
+    const float open[] = {1.0f, 1.0f, 0.5f, 1.0f};
+    relations.half_count = 1u;
+    relations.all_m3 = 1.0f;
+    for (int i = 0; i < 4; i++) {
+        zones.dropped_m3 = dropped[i];
+        half.weight_m3 = half.led_m3 = weight[i];
+        half.open = 1.0f;
+        (void)cr_way_agree(&zones, &relations, 0u, &half);
+        assert_float_equal(half.open, open[i], 0.15f);
+    }
+}
+
 #define SIDE_M 2e-3
 
 /* A square piece over two planes, 400 by 400 in double precision: its mean depth below both. */
@@ -395,6 +415,7 @@ static void piece_that_two_planes_cut_is_as_deep_as_below_both(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_lightest_zone_gives_way),
+        cmocka_unit_test(what_weighs_less_than_what_had_no_room_fades),
         cmocka_unit_test(piece_that_two_planes_cut_is_as_deep_as_below_both),
         cmocka_unit_test(level_piece_fades_in_over_a_tenth_of_its_width),
         cmocka_unit_test(piece_beside_an_edge_fades_late),
