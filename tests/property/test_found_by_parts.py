@@ -57,8 +57,8 @@ KICKED_MM = {"gear_pair": 0.1, "screw": 3.75, "impeller": 9.8, "knob": 0.35}
 """Jumps beyond three times the motion, in sum over every second stroke: measured, and 15 % more.
 
 1.95, 20 and 48 when the gradient told normals, narrow facets of round surfaces took zones, and any had no room. Over
-all strokes of the knob 81, now 0.4, when each side of its knurls was a patch; the screw 4.9 when what had no room turned
-the half-spaces of what stayed.
+all strokes of the knob 81, now 0.4, when each side of its knurls was a patch; the screw 4.9 when what had no room
+turned the half-spaces of what stayed.
 """
 
 
