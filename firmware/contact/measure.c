@@ -25,7 +25,7 @@
 #define PARTS_OF_PLANE 10u
 #define PARTS_OF_ABOVE 30u
 /* The same, of zones: one that is taken up, in each pass; a pair of them that is related, and whose ends are asked for; that leads, for each zone that both are related to; in a sweep of a
- * half-space that is made, and one more; of its sides, each compared with each; compared with another, and once it is known; a pair of half-spaces. */
+ * half-space that is made, and one more; of its sides, each compared with each; compared with another, or that may bound it, and once it is known; a pair of half-spaces. */
 #define PARTS_OF_TAKEN 48u
 #define PARTS_OF_RELATED 42u
 #define PARTS_OF_ENDED 32u

@@ -101,7 +101,7 @@ typedef struct {
     float part; /* 0..1: how far it belongs there */
     uint32_t
         sure; /* 1: by the label of a crease: what lies above is not of the convex piece that the half-space leads out of */
-    float weight_m3;
+    float weight_m3; /* of its zone, as far as it belongs there, beyond the heaviest that there was no room for */
 } cr_way_bound;
 #define CR_WAY_BOUNDS_MAX 6u
 
