@@ -32,6 +32,11 @@ TESSELLATIONS = ("edge90_cube_", "wall_cube_")
 SHORT = ("edge90_sphere", "edge90_cube", "corner3_sphere", "corner3_cube", "cylinder_ball", "bar_u", "groove_block",
          "step_cube", "part_spanner")  # fmt: skip
 """Scenes of the short table."""
+FIRST = (
+    ("edge90_sphere", "ball R 50 mm, 10 mm deep round a 90-degree edge"),
+    ("edge90_cube", "60 mm cube over the edge of a 45,000-triangle block"),
+)
+"""Scenes of the README's first table, and what they are."""
 HEADS = (
     "force, mm RMS / max",
     "torque, mm RMS / max",
@@ -104,6 +109,25 @@ def short_table(rows: Iterable[Row]) -> str:
     return _table(heads, cells)
 
 
+def first_table(rows: Iterable[Row]) -> str:
+    """What a reader sees first: two scenes, each beside the fixed 45 degrees."""
+    found = {(row["scene"], row["method"]): (row, _cells(row)) for row in rows}
+    heads = (
+        "",
+        "direction error, max",
+        "turn in one tick (exact)",
+        HEADS[4],
+        "force error / k, RMS / max",
+    )
+    cells = []
+    for scene, words in FIRST:
+        for method, what in ((DEFAULT, words), ("fixed45", "the same, fixed 45 degrees")):
+            row, (force, _, _, _, amplification, turn) = found[scene, method]
+            degrees = f"{float(row['direction_max_deg']):.2f} deg"
+            cells.append((what, degrees, f"{turn} deg", amplification, f"{force} mm"))
+    return _table(heads, cells)
+
+
 def with_table(text: str, name: str, table: str) -> str:
     """A page with what stands between the two marks of a name replaced.   Errors: CreaseError without the marks."""
     begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
@@ -116,10 +140,11 @@ def with_table(text: str, name: str, table: str) -> str:
 def filled() -> dict[Path, str]:
     """The pages as they must be.   Errors: OSError, CreaseError."""
     rows = read_accuracy()
-    tables = {REPORT: ("accuracy", whole_table(rows)), README: ("table", short_table(rows))}
-    return {
-        page: with_table(page.read_text(encoding="utf-8"), *named) for page, named in tables.items()
-    }
+    pages = {page: page.read_text(encoding="utf-8") for page in (REPORT, README)}
+    pages[REPORT] = with_table(pages[REPORT], "accuracy", whole_table(rows))
+    for name, table in (("first", first_table(rows)), ("table", short_table(rows))):
+        pages[README] = with_table(pages[README], name, table)
+    return pages
 
 
 def main() -> int:
