@@ -368,6 +368,32 @@ static void turn_about_a_far_centre_passes_no_plate(void **state) {
     }
 }
 
+/* Slid off an edge with the hand far below, it is on its way for ticks in which nothing presses: what is felt until it has arrived is the spring. */
+static void spring_pulls_until_the_tool_has_arrived(void **state) {
+    (void)state;
+    uint64_t seed = 7u;
+    uint32_t most = 0u;
+    for (int k = 0; k < 20; k++) {
+        const double deep_m = crt_uniform(&seed, 10e-3, 25e-3), speed_m = crt_uniform(&seed, 1e-4, 6e-4);
+        const cr_quat rot = crt_turn(0.0, 0.0, 1.0, crt_uniform(&seed, 0.0, PI));
+        uint32_t late = 0u;
+        begin(0.0f);
+        for (double z = HALF_M + 1e-3; z > HALF_M - deep_m; z -= 5e-4) {
+            tick(&edge, turned(-10e-3, 0.0, z, rot));
+        }
+        for (double x = -10e-3; x < 20e-3; x += speed_m) {
+            const cr_pose hand = turned(x, 0.0, HALF_M - deep_m, rot);
+            tick(&edge, hand);
+            const cr_vec3 off = v3_mad(out.force_world_N, v3_sub(out.held.pos_m, hand.pos_m), -2000.0f);
+            assert_true(v3_norm(off) < 1e-3f);
+            late = coupled.stats.left_m > 0.0f ? late + 1u : 0u;
+            most = late > most ? late : most;
+        }
+        assert_true(out.pressing == 0u && v3_norm(out.force_world_N) == 0.0f);
+    }
+    assert_true(most >= 2u);
+}
+
 /* What is not done is told: a hand far off, and nothing between. */
 static void tick_tells_how_far_it_did_not_come(void **state) {
     (void)state;
@@ -509,6 +535,7 @@ int main(void) {
         cmocka_unit_test(point_over_an_edge_of_a_mixed_cell_is_held_by_the_distance),
         cmocka_unit_test(sample_without_a_way_out_is_left_out),
         cmocka_unit_test(turn_about_a_far_centre_passes_no_plate),
+        cmocka_unit_test(spring_pulls_until_the_tool_has_arrived),
         cmocka_unit_test(tick_tells_how_far_it_did_not_come),
         cmocka_unit_test(friction_holds_on_a_wall_without_creep),
         cmocka_unit_test(hand_that_begins_inside_is_led_out),
