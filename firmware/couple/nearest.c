@@ -354,8 +354,8 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
             const cr_vec3 n = gradient_of(v, &there, i);
             const float slope = v3_dot(n, along_piece(l, share[i]));
             /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-             * be the end itself, and there it falls no steeper than it bends. */
-            const int counts = tries > 0 || (crease && -slope < BEND_MAX * v3_norm(l->way));
+             * be the end itself, and there it falls no more steeply than the crease turns from its middle to its end: a straight one has no end of its own. */
+            const int counts = tries > 0 || (crease && -slope < 2.0f * v3_norm(l->bend));
             /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
             const int bent = slope > 0.0f && (v3_dot(n, along_piece(l, 0.0f)) > 0.0f || is_flat(v, at, i));
             const cr_couple_end end = {share[i], there.phi_m[i], slope, n};
