@@ -197,6 +197,34 @@ static void edges_that_cross_push_at_right_angles_to_both(void **state) {
     }
 }
 
+/* Drawn along its own lowest edge over that of the block, piece after piece to its corner, which comes off at once: what is felt does not swing. */
+static void edge_drawn_over_an_edge_is_felt_alike_along_all_of_it(void **state) {
+    (void)state;
+    const double along_x[3] = {1.0, 0.0, 0.0}, corner[3] = {-HALF_M, -HALF_M, -HALF_M};
+    const double cx = cos(PI / 8.0), sx = sin(PI / 8.0);
+    for (int k = 1; k <= 14; k++) {
+        const double lean = 0.025 * k, cy = cos(0.5 * lean), sy = sin(0.5 * lean);
+        const cr_quat rot = {(float)(cy * cx), (float)(cy * sx), (float)(sy * cx), (float)(-sy * sx)};
+        begin(0.0f);
+        for (int i = -20; i <= 330; i++) {
+            const double down = fmin(1e-3, 5e-5 * i), at[3] = {4e-3 - 4e-5 * fmax(0, i), -HALF_M, -HALF_M};
+            double from[3], t[3], v[3];
+            carried(rot, at, from);
+            tick(&edge, turned(-from[0] - down * sin(lean), -from[1], -from[2] - down * cos(lean), rot));
+            carried(out.held.rot, along_x, t);
+            carried(out.held.rot, corner, v);
+            const cr_vec3 f = out.force_world_N;
+            const double force = sqrt((double)(f.x * f.x + f.y * f.y + f.z * f.z));
+            const double leans = (double)f.x * t[0] + (double)f.y * t[1] + (double)f.z * t[2];
+            const int off_corner = at[0] > -HALF_M + 1e-4, past = at[0] < -HALF_M - 2e-4;
+            assert_true(i <= 2 || !off_corner || force > 0.0);
+            assert_true(!off_corner ||
+                        (fabs((double)f.y) <= 2e-3 * force + 2e-3 && fabs(leans) <= 2e-3 * force + 2e-3));
+            assert_true(!past || (double)out.held.pos_m.z + v[2] < -5e-4); /* it fell */
+        }
+    }
+}
+
 /* Round an edge of the block, its middle a way below where the ball would touch: down on the top, round the edge, down the side. */
 static void way_round_edge(double at, double deep_m, double *x, double *z) {
     const double r = BALL_M - deep_m, a = 0.5 * PI * fmin(1.0, fmax(0.0, at));
@@ -528,6 +556,7 @@ int main(void) {
         cmocka_unit_test(edge_holds_a_cube_that_turns_over_it),
         cmocka_unit_test(edge_between_samples_is_felt_where_it_touches),
         cmocka_unit_test(edges_that_cross_push_at_right_angles_to_both),
+        cmocka_unit_test(edge_drawn_over_an_edge_is_felt_alike_along_all_of_it),
         cmocka_unit_test(ball_slides_round_an_edge),
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
