@@ -189,7 +189,7 @@ typedef struct {
 typedef struct {
     cr_couple couple;
     cr_couple_stats stats; /* of the last tick */
-    uint32_t pressed;      /* points that pressed at its end */
+    uint32_t pressed;      /* points that pressed at its end, or when it last was not on its way */
     uint32_t contact_count;
     cr_couple_contact contacts[CR_COUPLE_CONTACTS_MAX];
     cr_couple_found found;

@@ -429,9 +429,8 @@ void cr_couple_tick(cr_coupled *c, const cr_world *world, const cr_pose *world_f
     c->stats.lookups = v.lookups;
     c->stats.near = c->found.near_count;
     c->stats.contacts = c->contact_count;
-    /* On its way from contact to contact it is held for a tick as it was before: what it comes to is the next one's to tell. */
-    const uint32_t before = c->pressed;
+    /* On its way from contact to contact it is held as it was before, for as many ticks as that takes: what it comes to is not told yet. */
+    out->pressing = out->pressing == 0u && c->stats.left_m > STEP_ENOUGH_M ? c->pressed : out->pressing;
     c->pressed = out->pressing;
-    out->pressing = out->pressing == 0u && c->stats.left_m > STEP_ENOUGH_M ? before : out->pressing;
     cr_couple_answer(&c->couple, &k, &last, out);
 }

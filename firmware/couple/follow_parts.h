@@ -39,6 +39,10 @@ float cr_couple_find_lines(const cr_couple_view *view, const struct cr_img_clust
 uint32_t cr_couple_nearest(cr_couple_view *view, const struct cr_img_cluster *c, cr_lookup *at, cr_lanes3 *place,
                            uint32_t *nearer, cr_lanes3 *normal);
 
+/* Purpose  how far a corner of the tool gives way before a plane, m: where a crease leads down from it, that is what touches; and where it goes over an edge there,
+ *          the face that the corner leaves must not hold it.   Shapes  normal: tool frame.   Result  0 where no crease leads down. */
+float cr_couple_yield(const cr_scene *scene, const struct cr_img_cluster *c, int i, cr_vec3 normal);
+
 /* The walls that a sample must stay before at once: those that meet concavely where it is. */
 typedef struct {
     uint32_t count;

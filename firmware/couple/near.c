@@ -89,10 +89,8 @@ static void add_sample(cr_couple_view *v, uint32_t key, cr_vec3 place, float gap
 /* Whether a sample of a surface that bends little faces away from its plane: that touches the tool elsewhere, and between facets a corner stands out beyond the
  * pieces beside it by a little, a ledge on which a ball of 1,280 triangles hung from an edge by 25 N instead of 2. What bends more may be the tip of a cone; and over a
  * static corner all that is near faces away from each of its planes. */
-static int faces_away(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i,
-                      cr_vec3 normal) {
+static int faces_away(const cr_couple_view *v, const struct cr_img_cluster *c, const cr_lookup *at, int i, cr_vec3 n) {
     const cr_field *f = v->field;
-    const cr_vec3 n = xform_unrotate(&v->pose, normal);
     return c->bow[i] > 0.0f && c->bow[i] < BENDS * c->ramp[i] &&
            n.x * c->ax[i] + n.y * c->ay[i] + n.z * c->az[i] > -FACES * c->area[i] &&
            !cr_is_corner(&f->scene->kinds[cr_field_kind(f, at, i)]);
@@ -129,10 +127,12 @@ static float look_at_cluster(cr_couple_view *v, uint32_t cluster) {
             const cr_vec3 p = lane_of(&world, i);
             if (!add_walls(v, &at, i, p, key)) {
                 cr_vec3 n = has_lane(nearer, i) ? lane_of(&normal, i) : plane_of(v, c, &at, i);
-                if (faces_away(v, c, &at, i, n)) {
+                const cr_vec3 in_tool = xform_unrotate(&v->pose, n);
+                if (faces_away(v, c, &at, i, in_tool)) {
                     continue;
                 }
-                const float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
+                float gap = has_lane(nearer, i) ? at.phi_m[i] : sharpen(v, &at, i, p, at.phi_m[i], &n);
+                gap += has_lane(c->vertex_mask, i) ? cr_couple_yield(v->field->scene, c, i, in_tool) : 0.0f;
                 add_sample(v, key, p, gap, n);
             }
         }

@@ -18,6 +18,8 @@
 #define BESIDE_MIN 0.1f
 /* Times that a least between two ends is looked for. */
 #define BETWEEN_MAX 2
+/* A corner gives way by this share of how far a crease leads down from it to the next sample. */
+#define YIELD_SHARE 5e-3f
 
 /* Tool frame. */
 static cr_vec3 gradient_of(const cr_couple_view *v, const cr_lookup *at, int i) {
@@ -310,27 +312,38 @@ static int is_flat(const cr_couple_view *v, const cr_lookup *at, int i) {
     return kind == (uint32_t)CR_KIND_PLANAR || kind == (uint32_t)CR_KIND_CONVEX;
 }
 
-/* Whether creases of a cluster end the face of a sample before a place on its plane. Inner edges end nothing. Tool frame. */
-static int is_past(const struct cr_img_cluster *c, uint32_t creases, cr_vec3 sample, cr_vec3 place) {
-    int past = 0;
-    for (uint32_t left = creases & c->crease_mask; left != 0u;) {
-        const int j = take_lane(&left);
-        const cr_vec3 out = out_of(c, j), at = at_sample(c, j);
-        past |= v3_dot(out, v3_sub(sample, at)) < 0.0f && v3_dot(out, v3_sub(place, at)) > LEAN_MIN_M;
+/* Creases beside a sample, of its cluster and of those next to it. With a place on the plane of its face: how far that is beyond those that end the face, inner edges
+ * end nothing; without: how far they lead down from the sample along a normal. m, 0 at least; tool frame. */
+static float look_at_creases(const cr_scene *s, const struct cr_img_cluster *c, int i, const cr_vec3 *place,
+                             cr_vec3 normal) {
+    const cr_vec3 sample = at_sample(c, i);
+    const uint32_t *const start = &s->adj_start[c - s->clusters];
+    const struct cr_img_cluster *b = c;
+    uint32_t left = c->beside[i] & c->crease_mask;
+    float most_m = 0.0f;
+    for (uint32_t k = start[0]; left != 0u || k < start[1];) {
+        if (left == 0u) {
+            const struct cr_img_neighbour *n = &s->adj[k++];
+            b = &s->clusters[n->cluster];
+            left = has_lane(n->mine, i) ? n->theirs & b->crease_mask : 0u;
+        } else {
+            const int j = take_lane(&left);
+            const cr_vec3 at = at_sample(b, j), out = place != NULL ? out_of(b, j) : normal;
+            const float inside_m = v3_dot(out, v3_sub(sample, at));
+            const float beyond_m = place == NULL ? inside_m : inside_m < 0.0f ? v3_dot(out, v3_sub(*place, at)) : 0.0f;
+            most_m = higher_f(most_m, beyond_m);
+        }
     }
-    return past;
+    return most_m;
+}
+
+float cr_couple_yield(const cr_scene *s, const struct cr_img_cluster *c, int i, cr_vec3 normal) {
+    return YIELD_SHARE * look_at_creases(s, c, i, NULL, normal);
 }
 
 /* Whether a place on a sample's line is on the tool: the piece of a face may reach beyond the creases beside it. */
 static int is_on_tool(const cr_scene *s, const struct cr_img_cluster *c, int i, cr_vec3 place) {
-    const cr_vec3 sample = at_sample(c, i);
-    const uint32_t own = (uint32_t)(c - s->clusters);
-    int past = is_past(c, c->beside[i], sample, place);
-    for (uint32_t k = s->adj_start[own]; k < s->adj_start[own + 1u] && !past; k++) {
-        const struct cr_img_neighbour *n = &s->adj[k];
-        past = has_lane(n->mine, i) && is_past(&s->clusters[n->cluster], n->theirs, sample, place);
-    }
-    return !past;
+    return look_at_creases(s, c, i, &place, place) <= LEAN_MIN_M;
 }
 
 uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr_lookup *at, cr_lanes3 *place,
@@ -353,9 +366,9 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
             cr_couple_line *l = &v->found->lines[i];
             const cr_vec3 n = gradient_of(v, &there, i);
             const float slope = v3_dot(n, along_piece(l, share[i]));
-            /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only where a crease bends may it
-             * be the end itself, and there it falls no steeper than it bends. */
-            const int counts = tries > 0 || (crease && -slope < BEND_MAX * v3_norm(l->way));
+            /* Where it falls to the end of a piece, what is nearest is a neighbour's: pieces of faces are no rectangles, creases go on. Only a crease that bends may have it
+             * at the end itself: where it rises on the next piece, which turns on as this one does. */
+            const int counts = tries > 0 || (crease && v3_dot(n, along_piece(l, 2.0f)) > 0.0f);
             /* That a curved piece bends away from a wall is no place between: a peg's does all along its hole, and the place would swing. */
             const int bent = slope > 0.0f && (v3_dot(n, along_piece(l, 0.0f)) > 0.0f || is_flat(v, at, i));
             const cr_couple_end end = {share[i], there.phi_m[i], slope, n};
@@ -364,7 +377,7 @@ uint32_t cr_couple_nearest(cr_couple_view *v, const struct cr_img_cluster *c, cr
             if (counts && there.phi_m[i] < at->phi_m[i] &&
                 (crease || is_on_tool(v->field->scene, c, i, on_piece(c, l, i, share[i])))) {
                 take_found(&there, &found, i, at, place);
-                put_place(normal, i, xform_rotate(&v->pose, tries == 0 ? n : level_between(c, l, i, share[i], n)));
+                put_place(normal, i, xform_rotate(&v->pose, level_between(c, l, i, share[i], n)));
                 *nearer |= 1u << i;
             }
         }

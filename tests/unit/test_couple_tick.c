@@ -197,6 +197,34 @@ static void edges_that_cross_push_at_right_angles_to_both(void **state) {
     }
 }
 
+/* Drawn along its own lowest edge over that of the block, piece after piece to its corner, which comes off at once: what is felt does not swing. */
+static void edge_drawn_over_an_edge_is_felt_alike_along_all_of_it(void **state) {
+    (void)state;
+    const double along_x[3] = {1.0, 0.0, 0.0}, corner[3] = {-HALF_M, -HALF_M, -HALF_M};
+    const double cx = cos(PI / 8.0), sx = sin(PI / 8.0);
+    for (int k = 1; k <= 14; k++) {
+        const double lean = 0.025 * k, cy = cos(0.5 * lean), sy = sin(0.5 * lean);
+        const cr_quat rot = {(float)(cy * cx), (float)(cy * sx), (float)(sy * cx), (float)(-sy * sx)};
+        begin(0.0f);
+        for (int i = -20; i <= 330; i++) {
+            const double down = fmin(1e-3, 5e-5 * i), at[3] = {4e-3 - 4e-5 * fmax(0, i), -HALF_M, -HALF_M};
+            double from[3], t[3], v[3];
+            carried(rot, at, from);
+            tick(&edge, turned(-from[0] - down * sin(lean), -from[1], -from[2] - down * cos(lean), rot));
+            carried(out.held.rot, along_x, t);
+            carried(out.held.rot, corner, v);
+            const cr_vec3 f = out.force_world_N;
+            const double force = sqrt((double)(f.x * f.x + f.y * f.y + f.z * f.z));
+            const double leans = (double)f.x * t[0] + (double)f.y * t[1] + (double)f.z * t[2];
+            const int off_corner = at[0] > -HALF_M + 1e-4, past = at[0] < -HALF_M - 2e-4;
+            assert_true(i <= 2 || !off_corner || force > 0.0);
+            assert_true(!off_corner ||
+                        (fabs((double)f.y) <= 2e-3 * force + 2e-3 && fabs(leans) <= 2e-3 * force + 2e-3));
+            assert_true(!past || (double)out.held.pos_m.z + v[2] < -5e-4); /* it fell */
+        }
+    }
+}
+
 /* Round an edge of the block, its middle a way below where the ball would touch: down on the top, round the edge, down the side. */
 static void way_round_edge(double at, double deep_m, double *x, double *z) {
     const double r = BALL_M - deep_m, a = 0.5 * PI * fmin(1.0, fmax(0.0, at));
@@ -368,6 +396,32 @@ static void turn_about_a_far_centre_passes_no_plate(void **state) {
     }
 }
 
+/* Slid off an edge with the hand far below, it is on its way for ticks in which nothing presses: what is felt until it has arrived is the spring. */
+static void spring_pulls_until_the_tool_has_arrived(void **state) {
+    (void)state;
+    uint64_t seed = 7u;
+    uint32_t most = 0u;
+    for (int k = 0; k < 20; k++) {
+        const double deep_m = crt_uniform(&seed, 10e-3, 25e-3), speed_m = crt_uniform(&seed, 1e-4, 6e-4);
+        const cr_quat rot = crt_turn(0.0, 0.0, 1.0, crt_uniform(&seed, 0.0, PI));
+        uint32_t late = 0u;
+        begin(0.0f);
+        for (double z = HALF_M + 1e-3; z > HALF_M - deep_m; z -= 5e-4) {
+            tick(&edge, turned(-10e-3, 0.0, z, rot));
+        }
+        for (double x = -10e-3; x < 20e-3; x += speed_m) {
+            const cr_pose hand = turned(x, 0.0, HALF_M - deep_m, rot);
+            tick(&edge, hand);
+            const cr_vec3 off = v3_mad(out.force_world_N, v3_sub(out.held.pos_m, hand.pos_m), -2000.0f);
+            assert_true(v3_norm(off) < 1e-3f);
+            late = coupled.stats.left_m > 0.0f ? late + 1u : 0u;
+            most = late > most ? late : most;
+        }
+        assert_true(out.pressing == 0u && v3_norm(out.force_world_N) == 0.0f);
+    }
+    assert_true(most >= 2u);
+}
+
 /* What is not done is told: a hand far off, and nothing between. */
 static void tick_tells_how_far_it_did_not_come(void **state) {
     (void)state;
@@ -502,6 +556,7 @@ int main(void) {
         cmocka_unit_test(edge_holds_a_cube_that_turns_over_it),
         cmocka_unit_test(edge_between_samples_is_felt_where_it_touches),
         cmocka_unit_test(edges_that_cross_push_at_right_angles_to_both),
+        cmocka_unit_test(edge_drawn_over_an_edge_is_felt_alike_along_all_of_it),
         cmocka_unit_test(ball_slides_round_an_edge),
         cmocka_unit_test(room_holds_a_cube_in_its_corner),
         cmocka_unit_test(corner_of_a_cube_rests_where_two_walls_meet),
@@ -509,6 +564,7 @@ int main(void) {
         cmocka_unit_test(point_over_an_edge_of_a_mixed_cell_is_held_by_the_distance),
         cmocka_unit_test(sample_without_a_way_out_is_left_out),
         cmocka_unit_test(turn_about_a_far_centre_passes_no_plate),
+        cmocka_unit_test(spring_pulls_until_the_tool_has_arrived),
         cmocka_unit_test(tick_tells_how_far_it_did_not_come),
         cmocka_unit_test(friction_holds_on_a_wall_without_creep),
         cmocka_unit_test(hand_that_begins_inside_is_led_out),
