@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.alone import Alone, alone
 from crease.base.arguments import check_number, check_whole
 from crease.base.errors import LoopError, TrajectoryError
 from crease.base.scene import Scene
@@ -106,7 +107,8 @@ class Felt:
 class Loop:
     """Servo of the firmware, bus, drives, mechanism and hand in lock-step: the same poses give the same bits.
 
-    Time is virtual: a tick is 1 ms of the device and takes about 0.07 ms. Owned by one thread at a time.
+    Time is virtual: a tick is 1 ms of the device and takes about 0.07 ms. One thread at a time,
+    another gets a CreaseError.
     """
 
     def __init__(
@@ -129,6 +131,7 @@ class Loop:
         Errors   CreaseError for a setting that is refused.
         Source   firmware/servo/DESIGN.md, sim/DESIGN.md; every number of the device is assumed, none measured.
         """
+        self._alone = Alone("loop")
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         check_number("stiffness", stiffness, 0.0, 1e6, "N/m", LoopError)
         if damping is not None:
@@ -164,6 +167,7 @@ class Loop:
         """Names of the faults that hold the servo; empty: none."""
         return fault_names(self._loop.faults)
 
+    @alone
     def start(self, pose: npt.ArrayLike) -> None:
         """Bring the device up with the hand at `pose` (7,) and begin to render. `tick` and `run` do it when it is due.
 
@@ -175,6 +179,7 @@ class Loop:
         if not self._keep:
             self._loop.drain()
 
+    @alone
     def tick(self, pose: npt.ArrayLike) -> Felt:
         """One tick, 1 ms: the hand wants the tool at `pose` (7,): x y z in m, unit quaternion w x y z, world_from_tool.
 
@@ -182,6 +187,7 @@ class Loop:
         """
         return self.run(_numbers(pose)[None])
 
+    @alone
     def run(self, poses: npt.ArrayLike | Trajectory) -> Felt:
         """The hand follows poses, one a millisecond, and gives way to the force: `position_m` says where the tool went.
 
@@ -198,6 +204,7 @@ class Loop:
         self._last = targets[-1]
         return self._take(len(targets))
 
+    @alone
     def hold(self, ticks: int) -> Felt:
         """The hand wants what it wanted before.   Output: one row a tick.   Errors: LoopError before the first pose,
         and for ticks that are no whole number.
@@ -208,10 +215,12 @@ class Loop:
         self._loop.run(np.repeat(self._last[None, :], ticks, axis=0))
         return self._take(ticks)
 
+    @alone
     def reset(self) -> None:
         """Off and on again: no tick is kept, no fault holds, the first pose brings the device up."""
         self._power_on()
 
+    @alone
     def save(self, file: str | Path, *, force: bool = False) -> Path:
         """Write the recording of all ticks since power-on (.crr), which `crease replay` runs again to the bit.
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from crease._sim import ffi as sim_ffi
 from crease._sim import lib as sim_lib
+from crease.base.alone import Alone, alone
 from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.records import record
@@ -162,6 +163,7 @@ class Loop:
 
         Errors: CreaseError for a configuration, parameters or faults that are refused.
         """
+        self._alone = Alone("loop")
         if handle is not None:
             config = _without_contact(config)
         self.servo = Servo(scene, config)
@@ -223,6 +225,7 @@ class Loop:
     def _catch(self, _kind: Any, error: BaseException, _trace: Any) -> None:
         self._caught = self._caught or error
 
+    @alone
     def _run(self, targets: F64 | None, count: int, stop_modes: int) -> int:
         records, rows = np.zeros(count, dtype=RECORD), np.zeros(count, dtype=MECHANISM)
         handle_rows = np.zeros(count if self.handle else 0, dtype=HANDLE)
