@@ -165,6 +165,11 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
         (["sim", "-i", "virtual", "-c", "x", "--fault", "encoder_jump:tick=1,value=99999999999"],
          "value 99999999999 is out of range, -2147483648..2147483647, counts", 2),
         (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,tick=2"], "tick is given twice", 2),
+        *(
+            (["sim", "-i", "virtual", "-c", "x", "--fault", f"{kind}:tick=1"],
+             f"fault '{kind}:tick=1': {kind} needs id=, such as id=0x191: see `crease bus --schedule`", 2)
+            for kind in ("drop", "delay", "duplicate", "reorder", "corrupt")
+        ),
         (["sim", "-i", "virtual", "-c", "x", *["--fault", "drop:tick=1"] * 65], "65 are too many; at most 64", 2),
         (
             ["sim", "-i", "virtual", "-c", "x", "--operator", "/nowhere.csv"],

@@ -109,6 +109,16 @@ def test_a_table_that_the_disk_refuses_leaves_no_recording_either(
     assert {path.name for path in out.iterdir()} == {"run.crr", "run.csv", "run.log"}
 
 
+def test_a_fault_of_no_frame_is_refused_before_the_run(
+    tmp_path: Path, scene_crs: Path, way_csv: Path, crease: Run
+) -> None:
+    words = ("hil", scene_crs, "--operator", way_csv, "-o", tmp_path / "run.crr")
+    said = crease(*words, "--fault", "drop:tick=1500")
+    assert said.status == 2
+    assert "drop needs id=, such as id=0x191: see `crease bus --schedule`" in said.err
+    assert not (tmp_path / "run.crr").exists()
+
+
 def test_an_error_without_a_file_is_no_error_of_standard_output() -> None:
     code = (
         "import sys\nfrom crease import cli\nfrom crease.verbs import info\n"

@@ -100,7 +100,7 @@ def add_parser(sub: SubParsers) -> None:
         metavar="KIND:tick=N,...",
         action="append",
         default=[],
-        help="as for `crease sim`; repeatable (in process)",
+        help="as for `crease sim`, such as drop:tick=1500,id=0x191; repeatable (in process)",
     )
     add_stiffness(parser)
     parser.add_argument(
