@@ -51,7 +51,7 @@ class Player {
   }
 
   makePanes() {
-    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview, held }, i) => {
+    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview, held, settings }, i) => {
       const pane = find("panes").appendChild(document.createElement("div"));
       pane.className = "pane";
       const told = pane.appendChild(document.createElement("div"));
@@ -60,7 +60,7 @@ class Player {
       chip.className = "chip";
       chip.style.background = `var(--replay${i})`;
       told.appendChild(document.createElement("b")).textContent = name;
-      if (preview) told.appendChild(document.createElement("p")).textContent = "not replayed yet: zones, 1000 N/m";
+      if (preview) told.appendChild(document.createElement("p")).textContent = `not replayed yet: ${settings}`;
       const table = told.appendChild(document.createElement("table"));
       const values = ["force", "torque", held ? "spring" : "depth", "turn", "amplification", "tick", "contact"].map((label) => {
         const row = table.insertRow();
