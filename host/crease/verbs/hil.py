@@ -102,7 +102,7 @@ def add_parser(sub: SubParsers) -> None:
         default=[],
         help="as for `crease sim`, such as drop:tick=1500,id=0x191; repeatable (in process)",
     )
-    add_stiffness(parser)
+    add_stiffness(parser, couple=True)
     parser.add_argument(
         "--response",
         metavar="NAME",
