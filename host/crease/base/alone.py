@@ -45,6 +45,11 @@ class Alone:
         self.leave()
 
 
+def stays(kind: str, instead: str) -> NoReturn:
+    """For `__reduce__` of what is memory of this process.   Errors: TypeError, always."""
+    raise TypeError(f"a {kind} is memory of this process and no pickle holds it; {instead}")
+
+
 def alone(method: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
     """A method that only one thread at a time is in, of an object whose `_alone` is an `Alone`."""
 

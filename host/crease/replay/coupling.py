@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.alone import Alone, alone
+from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_number
 from crease.base.attitude import to_matrix
 from crease.base.errors import SceneError, TrajectoryError
@@ -182,6 +182,9 @@ class Coupling:
         memory["held"]["rot"][0, 0] = 1.0
         self._out_c = ffi.cast("cr_couple_output *", ffi.from_buffer(memory))
         self._out = Held(memory, np.frombuffer(ffi.buffer(self._handle), COUPLED))
+
+    def __reduce__(self) -> NoReturn:
+        stays("Coupling", "send the path of its scene file, and make one there")
 
     @property
     def handle(self) -> Any:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.alone import Alone, alone
+from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_number
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.native import COVERAGES, RESPONSES, Extension
@@ -18,7 +18,7 @@ from crease.base.scene import Scene
 from crease.base.table import check_suffix, check_target, write_table
 from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, to_columns
 from crease.replay.replay import World as Engine
-from crease.replay.trajectory import Trajectory, check_rows
+from crease.replay.trajectory import Trajectory, check_rows, refuse_file
 
 F32 = npt.NDArray[np.float32]
 U32 = npt.NDArray[np.uint32]
@@ -240,6 +240,9 @@ class World:
         self._out = Output(memory)
         self._tick = self.native.lib.cr_tick
 
+    def __reduce__(self) -> NoReturn:
+        stays("World", "send the path of its scene file, and make one there")
+
     @property
     def size_bytes(self) -> int:
         """Memory that it takes, without the scene's."""
@@ -308,6 +311,7 @@ class World:
 
 def path_of(poses: npt.ArrayLike, period_s: float) -> Trajectory:
     """A checked path from an array (n, 7) or (n, 8).   Errors: TrajectoryError."""
+    refuse_file(poses)
     try:
         rows = np.asarray(poses, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -6,12 +6,12 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
-from crease.base.alone import Alone, alone
+from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_memory, check_whole
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.scene import Scene
@@ -88,6 +88,9 @@ class Worlds:
         self._fresh(range(count))
         self.rows: npt.NDArray[Any] = np.zeros(count, ROW)
         """Structured array (count,), `cr_replay_row` of host/native/replay.h: the last step, whole."""
+
+    def __reduce__(self) -> NoReturn:
+        stays("Worlds", "send the path of its scene file, and make one there")
 
     def __len__(self) -> int:
         return len(self._worlds)

@@ -1,7 +1,9 @@
-"""Two threads in one world, batch, coupling or loop: one of them is told so, and nothing breaks."""
+"""What Python callers may get wrong: two threads in one world, a pickle of one, the name of a file for a path."""
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
 import threading
@@ -12,6 +14,33 @@ import crease
 import numpy as np
 import pytest
 from crease.base.alone import Alone
+
+KINDS: dict[str, Callable[[Path], object]] = {
+    "Scene": crease.Scene.open,
+    "World": crease.World,
+    "Worlds": lambda path: crease.Worlds(path, 2),
+    "Coupling": crease.Coupling,
+    "Loop": crease.Loop,
+}
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_what_is_memory_of_a_process_says_what_travels_instead(kind: str, scene_crs: Path) -> None:
+    made = KINDS[kind](scene_crs)
+    with pytest.raises(TypeError, match=rf"^a {kind} is memory of this process .*; send the path"):
+        pickle.dumps(made)
+    if isinstance(made, crease.Scene):
+        assert copy.copy(made) is copy.deepcopy(made) is made
+
+
+def test_the_name_of_a_file_is_no_path(scene_crs: Path) -> None:
+    for made in (crease.World(scene_crs), crease.Coupling(scene_crs)):
+        with pytest.raises(crease.TrajectoryError, match=r"nope\.csv; give what crease\.load_path"):
+            made.replay("nope.csv")
+    for name in ("nope.csv", Path("nope.csv")):
+        with pytest.raises(crease.TrajectoryError, match=r"nope\.csv; give what crease\.load_path"):
+            crease.Loop(scene_crs).run(name)  # type: ignore[arg-type]
+
 
 SCRIPT = """
 import sys, threading
