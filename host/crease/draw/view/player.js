@@ -205,7 +205,10 @@ class Player {
       const place = { x: Math.round((i % best.columns) * across), y: Math.round(Math.floor(i / best.columns) * down) };
       place.width = Math.max(1, Math.round(across));
       place.height = Math.max(1, Math.round(down));
-      place.shift = told.offsetWidth > 0.3 * place.width ? Math.round(0.5 * told.offsetWidth) : 0; // beside the text, not below it
+      // Beside the text, not behind it; below it where too little is left beside it.
+      const share = told.offsetWidth / place.width;
+      place.shift = share > 0.3 && share <= 0.6 ? Math.round(0.5 * told.offsetWidth) : 0;
+      place.drop = share > 0.6 ? Math.round(0.5 * Math.min(told.offsetHeight, 0.6 * place.height)) : 0;
       Object.assign(pane.style, { left: `${place.x}px`, top: `${place.y}px`, width: `${place.width}px`, height: `${place.height}px` });
       return place;
     });
