@@ -366,3 +366,11 @@ def test_a_kernel_without_socketcan_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     said = crease("sim", "-i", "socketcan", "-c", "vcan77")
     assert "there is no such interface; make it: " in said.err
     assert said.err.endswith("this kernel has no SocketCAN\n")
+
+
+def test_a_log_on_a_full_disk_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "full.asc"
+    log.symlink_to("/dev/full")
+    said = crease("bus", "-i", "virtual", "-c", "full", "-o", log, "--force", "--seconds", "0.1")
+    assert said.status == 1
+    assert said.err == f"error: {log}: cannot be written: No space left on device\n"
