@@ -1,5 +1,6 @@
 """The command `crease`, as `python -m crease` too. Nothing heavy is imported before an interrupt is heard."""
 
+import io
 import sys
 from contextlib import suppress
 
@@ -9,6 +10,8 @@ from crease.base import ending
 def main() -> int:
     """Run the command line and give its exit status."""
     ending.hear()
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # letters that the terminal has not
     try:
         return _run()
     finally:

@@ -7,6 +7,7 @@ servo that stopped in fault, as of creased; an interrupt ends the process as its
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import signal
 import sys
@@ -111,13 +112,16 @@ def run_line(
         print("error: the machine has not enough memory for this", file=sys.stderr)
         return 1
     except OSError as error:
+        where = error.filename or ("standard output" if error.errno in _OF_WRITING else "")
         # What is left in the buffer would fail again at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
-            print(
-                f"error: {error.filename or 'standard output'}: {error.strerror}", file=sys.stderr
-            )
+            print(f"error: {where}{': ' * bool(where)}{error.strerror or error}", file=sys.stderr)
         return 1
+
+
+_OF_WRITING = {errno.EBADF, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOSPC}
+"""Where no file is named, it is standard output that cannot be written: outputs are named."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

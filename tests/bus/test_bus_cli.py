@@ -165,6 +165,11 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
         (["sim", "-i", "virtual", "-c", "x", "--fault", "encoder_jump:tick=1,value=99999999999"],
          "value 99999999999 is out of range, -2147483648..2147483647, counts", 2),
         (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,tick=2"], "tick is given twice", 2),
+        *(
+            (["sim", "-i", "virtual", "-c", "x", "--fault", f"{kind}:tick=1"],
+             f"fault '{kind}:tick=1': {kind} needs id=, such as id=0x191: see `crease bus --schedule`", 2)
+            for kind in ("drop", "delay", "duplicate", "reorder", "corrupt")
+        ),
         (["sim", "-i", "virtual", "-c", "x", *["--fault", "drop:tick=1"] * 65], "65 are too many; at most 64", 2),
         (
             ["sim", "-i", "virtual", "-c", "x", "--operator", "/nowhere.csv"],
@@ -361,3 +366,11 @@ def test_a_kernel_without_socketcan_is_told(monkeypatch: pytest.MonkeyPatch) -> 
     said = crease("sim", "-i", "socketcan", "-c", "vcan77")
     assert "there is no such interface; make it: " in said.err
     assert said.err.endswith("this kernel has no SocketCAN\n")
+
+
+def test_a_log_on_a_full_disk_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "full.asc"
+    log.symlink_to("/dev/full")
+    said = crease("bus", "-i", "virtual", "-c", "full", "-o", log, "--force", "--seconds", "0.1")
+    assert said.status == 1
+    assert said.err == f"error: {log}: cannot be written: No space left on device\n"

@@ -120,7 +120,10 @@ WRONG: list[tuple[Any, str]] = [
     (lambda s: crease.Loop(s, stiffness=-1.0), "stiffness"),
     (lambda s: crease.Loop(s, at=[1.0, 2.0]), "three finite numbers"),
     (lambda s: crease.Loop(s).run([[1.0, 2.0]]), "poses of shape"),
-    (lambda s: crease.Loop(s).run("path"), "a pose is 7 numbers"),
+    (
+        lambda s: crease.Loop(s).run("path"),
+        "poses is the name of a file, path; give what crease.load_path",
+    ),
     (lambda s: crease.Loop(s).tick([0, 0, 1, 2, 0, 0, 0]), "quaternion has length 2"),
     (lambda s: crease.Loop(s).hold(3), "no pose yet"),
     (lambda s: crease.Worlds(s, 4, response="nothing"), "response 'nothing' is not known"),

@@ -58,6 +58,37 @@ def test_what_is_wrong_is_counted_with_places_in_the_unit_of_the_file(
     assert any("closed 1 hole" in line or "closed 1 opening" in line for line in found["bake"])
 
 
+@pytest.mark.parametrize(
+    ("sides", "told"),
+    [
+        ((100, 100, 0.05), "100 x 100 x 0.05 mm"),
+        ((100, 100, 0.0123), "100 x 100 x 0.0123 mm"),
+        ((1.0, 20.26, 30), "1 x 20.26 x 30 mm"),
+    ],
+)
+def test_the_size_has_the_digits_of_its_smallest_side(
+    sides: tuple[float, float, float], told: str, tmp_path: Path, crease: Run
+) -> None:
+    path = tmp_path / "thin.stl"
+    trimesh.creation.box(extents=sides).export(path)
+    assert f"12 triangles, {told}\n" in crease("check", path, "--unit", "mm").out
+
+
+def test_a_shell_inside_another_meets_nothing(tmp_path: Path, crease: Run) -> None:
+    boxes = [trimesh.creation.box(extents=[side] * 3) for side in (20.0, 8.0)]
+    path = tmp_path / "nested.stl"
+    trimesh.util.concatenate(boxes).export(path)
+    said = crease("check", path, "--unit", "mm").out
+    assert "dropped 1 shell wholly inside another" in said
+    assert "meet" not in said
+    boxes[1].apply_translation([10.0, 0.0, 0.0])
+    trimesh.util.concatenate(boxes).export(path)
+    assert "united 2 shells that meet into 1 shell" in crease("check", path, "--unit", "mm").out
+    boxes[1].apply_translation([-4.0, 0.0, 0.0])  # inside, flush with a face
+    trimesh.util.concatenate(boxes).export(path)
+    assert "shells that meet" in crease("check", path, "--unit", "mm").out
+
+
 def test_turned_triangles_are_told_and_not_called_open(
     tmp_path: Path, plate: Path, crease: Run
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -482,6 +483,22 @@ def test_interrupt_while_modules_load_is_one_line() -> None:
     child.send_signal(signal.SIGINT)
     out, err = child.communicate(timeout=30)
     assert (child.returncode, out, err) == (-signal.SIGINT, b"", b"error: interrupted\n")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
+@pytest.mark.parametrize("name", ["sz\u00e4ne \u4e2d.crs", "sz\udce4ne.crs"])
+def test_a_name_that_the_terminal_cannot_show_is_escaped(
+    encoding: str, name: str, scene_crs: Path, tmp_path: Path
+) -> None:
+    scene = tmp_path / name
+    scene.write_bytes(scene_crs.read_bytes())
+    command = [str(Path(sys.executable).parent / "crease"), "info", str(scene)]
+    env = {**os.environ, "PYTHONIOENCODING": encoding}
+    said = subprocess.run(command, capture_output=True, env=env, check=False)
+    assert (said.returncode, said.stderr) == (0, b"")
+    assert name.encode(encoding, "backslashreplace") in said.stdout
+    said = subprocess.run([*command, "--nothing"], capture_output=True, env=env, check=False)
+    assert (said.returncode, said.stderr.count(b"\n")) == (2, 1)
 
 
 def test_a_full_disk_under_the_output_is_one_line(ball_stl: Path) -> None:

@@ -147,6 +147,22 @@ def test_a_held_tool_has_no_coverage(
     scene_crs: Path, press_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = ["replay", str(scene_crs), str(press_csv), "-o", str(tmp_path / "out.csv")]
-    assert main([*line, "--couple", "--coverage", "hard"]) == 1
+    assert main([*line, "--couple", "--coverage", "hard"]) == 2
     said = capsys.readouterr().err
-    assert said == "error: coverage hard: a held tool has none; leave it out\n"
+    assert said == "error: --couple has no --coverage; leave it out; see `crease replay --help`\n"
+
+
+@pytest.mark.parametrize("verb", ["replay", "hil"])
+def test_a_spring_to_the_hand_is_no_weaker_than_it_may_be(
+    verb: str, scene_crs: Path, press_csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = [str(press_csv)] if verb == "replay" else ["--operator", str(press_csv)]
+    line = [verb, str(scene_crs), *path, "-o", str(tmp_path / "out.csv"), "--couple"]
+    assert main([*line, "--stiffness", "0"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: --stiffness 0: with --couple it is of the spring to the hand, ")
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    assert "0 to 1e6; with --couple 1 to 1e6 (default: 1000)" in " ".join(
+        capsys.readouterr().out.split()
+    )

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
 from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table, slack_text
+from crease.loop.call import Loop as ApiLoop
 from crease.loop.hil import Loop, hand_targets, lead_in, resample, run_inprocess
 from crease.replay import recording as rec
 from crease.replay.measures import buzz_m_s2
@@ -280,7 +282,27 @@ def test_path_out_of_reach_is_refused_with_its_row(
     path = write_path(folder / "far.csv", np.array([[0.0, 0.0, 0.014], [0.0, 0.9, 0.014]]))
     said = crease("hil", scene_crs, "--operator", path, "-o", folder / "far.crr")
     assert said.status == 1
-    assert "does not reach" in said.err
+    mend = "move the path or the base"
+    assert said.err == f"error: {path}:3: the device does not reach this pose; {mend}\n"
+
+
+def test_a_path_in_millimetres_is_asked_for_its_metres_at_its_line(
+    folder: Path, scene_crs: Path, crease: Run
+) -> None:
+    down = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 8.0], 200)  # out of reach in between
+    path = write_path(folder / "mm.csv", down)
+    said = crease("hil", scene_crs, "--operator", path, "-o", folder / "mm.crr")
+    assert said.status == 1
+    assert f"error: {path}:" in said.err
+    line = int(said.err.split(f"{path}:")[1].split(":")[0])
+    assert 2 < line < 50
+    path = write_path(folder / "mm.csv", np.array([[0.0, 0.0, 14.0]] * 2))
+    said = crease("hil", scene_crs, "--operator", path, "-o", folder / "mm.crr")
+    ask = "the device does not reach this pose; are its positions in metres?"
+    assert said.err == f"error: {path}:2: {ask}\n"
+    api = load_trajectory(path)
+    with pytest.raises(LoopError, match=r"mm\.csv:2: .*in metres\?"):
+        ApiLoop(scene_crs).run(api)
 
 
 def test_wrong_bitrate_and_missing_interface_are_told_on_one_line(

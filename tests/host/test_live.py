@@ -398,6 +398,7 @@ def test_a_path_is_shown_before_any_replay(
     assert said.json["replays"] == 2
     header = json.loads(page.read_text("utf-8").split('id="header">')[1].split("</script>")[0])
     assert [r["preview"] for r in header["replays"]] == [True, False]
+    assert header["replays"][0]["settings"] == "way_out, 1000 N/m"
     for words, reason in (
         ((scene_crs,), "-o PAGE.html"),
         ((scene_crs, "-o", folder / "x.html"), "give a path or a table"),
@@ -415,7 +416,8 @@ def test_a_path_before_any_replay_says_so_and_is_drawn(
     assert crease("view", scene_crs, press_csv, "-o", page).status == 0
     with Page() as tab:
         tab.open(page)
-        assert "not replayed yet" in tab.run("crease.player.panes[0].told.textContent")
+        told = tab.run("crease.player.panes[0].told.textContent")
+        assert "not replayed yet: way_out, 1000 N/m" in told
         assert tab.run("crease.player.stage.withTrack") is True
         touching = tab.run("crease.player.replays[0].areas.reduce((a, b) => a + (b > 0), 0)")
         assert touching > 200

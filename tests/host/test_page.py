@@ -184,6 +184,26 @@ def test_the_cursor_and_its_dots_stay_together_when_the_window_narrows(page: Pag
     assert max(cursor_gaps(page)) < 2.0
 
 
+def test_in_a_narrow_window_the_tool_is_not_behind_the_text_nor_cut(page: Page) -> None:
+    settle = "new Promise((done) => setTimeout(() => done(0), 400))"
+    for width in (500, 1440):
+        page.resize(width, 800)
+        page.run(settle)
+        seen = page.run(
+            """crease.player.panes.map(({ pane, told }, i) => {
+              const { width, height, shift, drop } = crease.player.stage.panes[i];
+              const at = [0.5 * width + shift, 0.5 * height + drop];
+              return { at, size: [width, height], told: [told.offsetWidth, told.offsetHeight] };
+            })"""
+        )
+        for one in seen:
+            (x, y), (across, down), (right, low) = one["at"], one["size"], one["told"]
+            assert x > right or y > low, (width, one)
+            assert across - x > 0.2 * across, (width, one)
+            assert down - y > 0.2 * down, (width, one)
+    page.resize(1440, 900)
+
+
 def test_the_page_opens_at_a_jump_and_goes_to_the_next(page: Page, tables: list[Path]) -> None:
     zones, fixed45 = (read_table(path) for path in tables)
 

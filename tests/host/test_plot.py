@@ -111,6 +111,28 @@ def test_turns_that_span_decades_have_an_axis_of_decades(press_out: Path) -> Non
         assert low < 0.02 < np.nanmax(turn_deg(forces_N(table))) < high
 
 
+@pytest.mark.parametrize("largest_deg", [9.5, 12.0, 17.9, 18.5, 60.0])
+@pytest.mark.parametrize("usual_deg", [0.01, 8.0])
+def test_the_word_noticeable_stands_inside_the_panel_with_its_line(
+    largest_deg: float, usual_deg: float, press_out: Path
+) -> None:
+    table = dict(read_table(press_out))
+    count = len(table["t_s"])
+    angle = np.radians(np.cumsum(np.r_[largest_deg, np.full(count - 1, usual_deg)]))
+    angle -= angle[0] * (np.arange(count) == 0)
+    table |= {"fx_N": np.cos(angle), "fy_N": np.sin(angle), "fz_N": np.zeros(count)}
+    figure = draw_ticks([table], ["turns"])
+    figure.canvas.draw()
+    axes = next(axes for axes in figure.axes if "direction" in axes.get_ylabel())
+    (word,) = axes.texts
+    assert word.get_text() == "noticeable"
+    inside, box = axes.get_window_extent(), word.get_window_extent()
+    assert inside.y0 <= box.y0
+    assert box.y1 <= inside.y1
+    low, high = axes.get_ylim()
+    assert low < 18.0 < high
+
+
 def test_table_without_torque_has_no_panel_for_it(press_out: Path) -> None:
     table = {k: v for k, v in read_table(press_out).items() if not k.endswith("_Nm")}
     assert "torque" not in " ".join(axes.get_ylabel() for axes in draw_ticks([table], ["a"]).axes)

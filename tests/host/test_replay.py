@@ -124,11 +124,22 @@ def test_samples_in_or_out_are_for_the_responses_compared_with(
         World(open_scene(scene_crs), ReplayOptions(vertices_only=True))
     out = folder / "hard.csv"
     said = crease("replay", scene_crs, press_csv, "-o", out, "--coverage", "hard")
-    assert (said.status, said.out, said.err.count("\n")) == (1, "", 1)
-    assert said.err.startswith("error: coverage hard: ")
+    assert (said.status, said.out, said.err.count("\n")) == (2, "", 1)
+    assert said.err.startswith("error: --coverage hard: ")
+    assert "give --response extent too" in said.err
     assert not out.exists()
     words = ("--coverage", "hard", "--response", "extent")
     assert crease("replay", scene_crs, press_csv, "-o", out, *words).status == 0
+
+
+def test_none_stands_alone_in_a_list_of_skips(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    words = ("replay", scene_crs, press_csv, "-o", folder / "skips.csv", "--skips")
+    said = crease(*words, "top,none")
+    assert said.status == 2
+    assert "'none' stands alone; leave it or the others out" in said.err
+    assert "'x' is no skip; known are none, top" in crease(*words, "x").err
 
 
 def test_damaged_image_is_refused(scene_crs: Path) -> None:

@@ -79,10 +79,16 @@ def test_the_same_refusal_in_both_tongues(
             "more than --memory-max 2GiB; use",
         ),
         (
-            {"image_max_bytes": 1024},
-            ("--image-max", "1KiB"),
+            {"image_max_bytes": 61440},
+            ("--image-max", "60KiB"),
             "use a larger spacing_m",
             "use a larger --spacing",
+        ),
+        (
+            {"image_max_bytes": 1024},
+            ("--image-max", "1KiB"),
+            "allow a larger image: no spacing_m fits that is smaller than the tool (20 mm)",
+            "allow a larger image: no --spacing fits that is smaller than the tool (20 mm)",
         ),
     ):
         said = crease(*words, *options)

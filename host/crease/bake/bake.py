@@ -77,6 +77,8 @@ class _Sizes:
     spacing_m: float
     tolerance_m: float
     target_m: float
+    tool_m: float
+    """The longest side of the tool: no spacing is larger."""
 
 
 def _forecast(progress: Progress | None) -> Forecast:
@@ -125,13 +127,15 @@ def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
                 f"{setting(name, value)} is larger than the {body} ({format_length(span)}): use a smaller one, such as "
                 f"{format_length(usual)}, the default"
             )
-    return _sizes_at(voxel, spacing, options)
+    tool_m = float(np.ptp(tool.vertices_m, axis=0).max())
+    return _sizes_at(voxel, spacing, tool_m, options)
 
 
-def _sizes_at(voxel_m: float, spacing_m: float, options: BakeOptions) -> _Sizes:
+def _sizes_at(voxel_m: float, spacing_m: float, tool_m: float, options: BakeOptions) -> _Sizes:
+    tolerance_m, target_m = voxel_m / 4, voxel_m / 7
     if options.tolerance_m:
-        return _Sizes(voxel_m, spacing_m, options.tolerance_m, TARGET_SHARE * options.tolerance_m)
-    return _Sizes(voxel_m, spacing_m, voxel_m / 4, voxel_m / 7)
+        tolerance_m, target_m = options.tolerance_m, TARGET_SHARE * options.tolerance_m
+    return _Sizes(voxel_m, spacing_m, tolerance_m, target_m, tool_m)
 
 
 def noise_warning(surface: Surface, crease_angle_deg: float) -> list[str]:
@@ -324,7 +328,7 @@ def _fitting_voxmap(
     if room is not None and 1.05 * shell_bytes > room:
         raise MeshError(
             f"the shell of the tool alone takes {format_size(shell_bytes)} of {setting('image_max_bytes', room)}; "
-            f"{_spacing_mend(sizes.spacing_m, shell_bytes, room)}"
+            f"{_spacing_mend(sizes, shell_bytes, room, 'allow a larger image')}"
         )
     widest, tried, least = sizes, sizes, sys.maxsize
     for attempt in range(TRIES_MAX):
@@ -358,17 +362,22 @@ def _fitting_voxmap(
         if attempt > 1:
             widest = tried
         grow = math.sqrt(max(1.1, rest / (room - shell_bytes)))
-        tried = _sizes_at(_rounded(1.05 * widest.voxel_m * grow), sizes.spacing_m, options)
+        tried = _sizes_at(
+            _rounded(1.05 * widest.voxel_m * grow), sizes.spacing_m, sizes.tool_m, options
+        )
     raise MeshError(
-        f"the image does not get below {format_size(least)}, more than {setting('image_max_bytes', room or 0)}; allow "
-        f"that much, or {_spacing_mend(sizes.spacing_m, shell_bytes, room or 1)}"
+        f"the image does not get below {format_size(least)}, more than {setting('image_max_bytes', room or 0)}; "
+        f"{_spacing_mend(sizes, shell_bytes, room or 1, 'allow that much')}"
     )
 
 
-def _spacing_mend(spacing_m: float, shell_bytes: int, room: int) -> str:
-    """The spacing at which the shell, were its size as the number of samples, took a quarter of the image."""
-    fits_m = spacing_m * max(math.sqrt(4.0 * shell_bytes / room), 1.1)
-    return f"use a larger {setting('spacing_m')}, such as {format_length(up_to_two_digits(fits_m))}"
+def _spacing_mend(sizes: _Sizes, shell_bytes: int, room: int, other: str) -> str:
+    """`other`, or the spacing where the shell, were its size as the number of samples, took a quarter of the image."""
+    fits_m = up_to_two_digits(sizes.spacing_m * max(math.sqrt(4.0 * shell_bytes / room), 1.1))
+    if fits_m > sizes.tool_m:
+        span = format_length(sizes.tool_m)
+        return f"{other}: no {setting('spacing_m')} fits that is smaller than the tool ({span})"
+    return f"{other}, or use a larger {setting('spacing_m')}, such as {format_length(fits_m)}"
 
 
 def _bytes_of(*parts: npt.NDArray[Any]) -> int:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.alone import stays
 from crease.base.errors import SceneError
 from crease.base.native import error_text, ffi, lib
 from crease.base.table import check_suffix, check_target, write_bytes
@@ -81,6 +82,15 @@ class Scene:
         for file, data in files.items():
             write_bytes(file, data)
         return path
+
+    def __reduce__(self) -> NoReturn:
+        stays("Scene", "send the path of its file, and call Scene.open there")
+
+    def __copy__(self) -> Scene:
+        return self  # nothing of it changes
+
+    def __deepcopy__(self, _memo: object) -> Scene:
+        return self
 
     @property
     def meta(self) -> Any:

@@ -104,17 +104,37 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:
 
 def write_together(files: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
     """write_atomic of files that belong together: all of them or none."""
+    if not _groups:
+        with together():
+            write_together(files)
+        return
+    begun, moves = _groups[-1]
+    for path, write in files.items():
+        moves.append((_temporary(path, write, begun), path))
+
+
+_groups: list[tuple[contextlib.ExitStack, list[tuple[Path, Path]]]] = []
+
+
+@contextlib.contextmanager
+def together() -> Iterator[None]:
+    """What is written within this is moved to its place at its end: all of the files or none."""
     with contextlib.ExitStack() as begun:
-        moves = [(_temporary(path, write, begun), path) for path, write in files.items()]
+        moves: list[tuple[Path, Path]] = []
+        _groups.append((begun, moves))
+        try:
+            yield
+        finally:
+            _groups.pop()
         with steady():
             for made, path in moves:
-                with _refusals(path):
+                with refusals(path):
                     made.replace(path)
 
 
 @contextlib.contextmanager
-def _refusals(path: Path) -> Iterator[None]:
-    """What the disk refuses within this is told of `path`."""
+def refusals(path: Path) -> Iterator[None]:
+    """What the disk refuses within this is told of `path`, as a CreaseError."""
     try:
         yield
     except OSError as error:
@@ -123,7 +143,7 @@ def _refusals(path: Path) -> Iterator[None]:
 
 def _temporary(path: Path, write: Callable[[BinaryIO], None], begun: contextlib.ExitStack) -> Path:
     """A file beside `path` with what `write` puts into it, taken away with `begun` where it still is."""
-    with _refusals(path):
+    with refusals(path):
         with steady():
             handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
             made = Path(name)

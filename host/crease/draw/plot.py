@@ -231,14 +231,18 @@ def _draw_turn(axes: Axes, tables: Sequence[Table]) -> None:
         axes.plot(table["t_s"], turn, **pen)
     told = [turn[np.isfinite(turn)] for turn in turns]
     largest = max((float(turn.max()) for turn in told if len(turn)), default=0.0)
+    noticeable = largest > 0.5 * NOTICEABLE_TURN_DEG
+    top = max(largest, NOTICEABLE_TURN_DEG * noticeable)
     usual = min((float(np.percentile(turn, 99)) for turn in told if len(turn)), default=0.0)
     if largest > 1.0 and largest > DECADES * usual:
         axes.set_yscale("log")
-        axes.set_ylim(TURN_FLOOR_DEG, 3.0 * largest)
+        axes.set_ylim(TURN_FLOOR_DEG, 3.0 * top)
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     else:
-        axes.set_ylim(0.0, max(1.1 * largest, TURN_SPAN_DEG))
-    if largest > 0.5 * NOTICEABLE_TURN_DEG:
+        axes.set_ylim(
+            0.0, max(1.1 * largest, 1.3 * NOTICEABLE_TURN_DEG * noticeable, TURN_SPAN_DEG)
+        )
+    if noticeable:
         axes.axhline(NOTICEABLE_TURN_DEG, color="#999999", lw=0.8, ls=(0, (4, 3)))
         axes.annotate(
             "noticeable",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_number, check_whole
 from crease.base.errors import LoopError, TrajectoryError
 from crease.base.scene import Scene
@@ -17,7 +18,7 @@ from crease.loop import hil
 from crease.loop.loop import NORMAL_GRIP, Hand, Setup, bring_up, servo_config, sim_params
 from crease.replay.recording import SUFFIX, fault_names, mode_names, recording_bytes
 from crease.replay.replay import DEFAULT_RESPONSE
-from crease.replay.trajectory import Trajectory, check_rows
+from crease.replay.trajectory import Trajectory, check_rows, refuse_file
 from crease.replay.world import POSE_NUMBERS
 
 F32 = npt.NDArray[np.float32]
@@ -106,7 +107,8 @@ class Felt:
 class Loop:
     """Servo of the firmware, bus, drives, mechanism and hand in lock-step: the same poses give the same bits.
 
-    Time is virtual: a tick is 1 ms of the device and takes about 0.07 ms. Owned by one thread at a time.
+    Time is virtual: a tick is 1 ms of the device and takes about 0.07 ms. One thread at a time,
+    another gets a CreaseError.
     """
 
     def __init__(
@@ -129,6 +131,7 @@ class Loop:
         Errors   CreaseError for a setting that is refused.
         Source   firmware/servo/DESIGN.md, sim/DESIGN.md; every number of the device is assumed, none measured.
         """
+        self._alone = Alone("loop")
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         check_number("stiffness", stiffness, 0.0, 1e6, "N/m", LoopError)
         if damping is not None:
@@ -149,6 +152,9 @@ class Loop:
         self._loop = hil.Loop(self.scene, config, sim_params(self._setup))
         self._last: F64 | None = None
 
+    def __reduce__(self) -> NoReturn:
+        stays("Loop", "send the path of its scene file, and make one there")
+
     @property
     def ticks(self) -> int:
         """Ticks since power-on."""
@@ -164,17 +170,22 @@ class Loop:
         """Names of the faults that hold the servo; empty: none."""
         return fault_names(self._loop.faults)
 
+    @alone
     def start(self, pose: npt.ArrayLike) -> None:
         """Bring the device up with the hand at `pose` (7,) and begin to render. `tick` and `run` do it when it is due.
 
         Errors   LoopError when the device does not reach the pose or does not come up.   Cost  3,500 ticks, 0.3 s.
         """
-        targets = self._targets(_path(_numbers(pose)[None]))
-        bring_up(self._loop, targets)
-        self._last = targets[-1]
+        self._begin(self._targets(_path(_numbers(pose)[None])))
+
+    def _begin(self, targets: F64) -> None:
+        """As `start`, at the first of the targets, (n, 6)."""
+        bring_up(self._loop, targets[:1])
+        self._last = targets[0]
         if not self._keep:
             self._loop.drain()
 
+    @alone
     def tick(self, pose: npt.ArrayLike) -> Felt:
         """One tick, 1 ms: the hand wants the tool at `pose` (7,): x y z in m, unit quaternion w x y z, world_from_tool.
 
@@ -182,6 +193,7 @@ class Loop:
         """
         return self.run(_numbers(pose)[None])
 
+    @alone
     def run(self, poses: npt.ArrayLike | Trajectory) -> Felt:
         """The hand follows poses, one a millisecond, and gives way to the force: `position_m` says where the tool went.
 
@@ -191,13 +203,14 @@ class Loop:
         Cost     about 0.1 ms a tick.
         """
         path = hil.resample(poses) if isinstance(poses, Trajectory) else _path(_numbers(poses))
+        targets = self._targets(path, poses if isinstance(poses, Trajectory) else None)
         if self._last is None:
-            self.start(path.rows[0, 1:])
-        targets = self._targets(path)
+            self._begin(targets)
         self._loop.run(targets)
         self._last = targets[-1]
         return self._take(len(targets))
 
+    @alone
     def hold(self, ticks: int) -> Felt:
         """The hand wants what it wanted before.   Output: one row a tick.   Errors: LoopError before the first pose,
         and for ticks that are no whole number.
@@ -208,10 +221,12 @@ class Loop:
         self._loop.run(np.repeat(self._last[None, :], ticks, axis=0))
         return self._take(ticks)
 
+    @alone
     def reset(self) -> None:
         """Off and on again: no tick is kept, no fault holds, the first pose brings the device up."""
         self._power_on()
 
+    @alone
     def save(self, file: str | Path, *, force: bool = False) -> Path:
         """Write the recording of all ticks since power-on (.crr), which `crease replay` runs again to the bit.
 
@@ -231,9 +246,9 @@ class Loop:
         write_bytes(file, recording_bytes(recording.rows, recording.config, self.scene))
         return file
 
-    def _targets(self, path: Trajectory) -> F64:
-        """What the hand wants, (n, 6); the wrist goes on from where it is."""
-        targets = hil.hand_targets(path, self._loop.config)
+    def _targets(self, path: Trajectory, given: Trajectory | None = None) -> F64:
+        """What the hand wants, (n, 6); the wrist goes on from where it is. given: what the path is resampled from."""
+        targets = hil.hand_targets(path, self._loop.config, given)
         if self._last is not None:
             turns = np.round((targets[0, 3:] - self._last[3:]) / (2.0 * np.pi))
             targets[:, 3:] -= 2.0 * np.pi * turns
@@ -270,6 +285,7 @@ def _vector(value: npt.ArrayLike) -> F64:
 
 
 def _numbers(poses: npt.ArrayLike) -> F64:
+    refuse_file(poses)
     try:
         return np.asarray(poses, np.float64)
     except (TypeError, ValueError) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from crease._sim import ffi as sim_ffi
 from crease._sim import lib as sim_lib
+from crease.base.alone import Alone, alone
 from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.records import record
@@ -32,7 +34,7 @@ from crease.replay.recording import (
     load_recording,
     scene_crc32,
 )
-from crease.replay.trajectory import Trajectory
+from crease.replay.trajectory import Trajectory, place_of_row
 
 F64 = npt.NDArray[np.float64]
 
@@ -46,6 +48,8 @@ SETTLE_TICKS = 400
 BRING_UP_TICKS = 10_000
 """At most, after the lead; the drives are enabled after about 600 from power-on."""
 PROGRESS_TICKS = 256
+_FAR = 3.0
+"""Lengths of the arm from its base: nobody has a device there, the path is most likely in mm."""
 
 MECHANISM = record("cr_lockstep_row")
 """What the simulator knows of the mechanism after each tick; frame of the base."""
@@ -67,8 +71,13 @@ class LoopResult:
     injected: int = 0
 
 
-def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
-    """Joints that put the tool at every pose of a path: (n, 6), m and rad.   Errors: LoopError: out of reach."""
+def joints_along(
+    path: Trajectory, config: Any, given: Trajectory | None = None
+) -> npt.NDArray[np.float32]:
+    """Joints that put the tool at every pose of a path: (n, 6), m and rad.   Errors: LoopError: out of reach.
+
+    given: what the path was resampled from, so that an error names its row.
+    """
     joints, pose = ffi.new("cr_joints *"), ffi.new("cr_pose *")
     kinematics = ffi.new("cr_kinematics *")
     out = np.empty((len(path), 6), dtype=np.float32)
@@ -79,17 +88,30 @@ def joints_along(path: Trajectory, config: Any) -> npt.NDArray[np.float32]:
         if reached:
             lib.cr_kinematics_solve(ffi.addressof(config, "arm"), joints, kinematics)
         if not reached or kinematics.range:
-            raise LoopError(
-                f"{path.source}: row {i}: the device does not reach this pose; move the path or the base"
-            )
+            raise LoopError(_out_of_reach(path, i, config, given or path))
         out[i, :3] = list(joints.joint)
         out[i, 3:] = list(joints.wrist_rad)
     return out
 
 
-def hand_targets(path: Trajectory, config: Any) -> F64:
-    """What the hand does along a path: tip in the base's frame, m, and unwrapped wrist, rad; (n, 6)."""
-    joints = joints_along(path, config).astype(np.float64)
+def _out_of_reach(path: Trajectory, at: int, config: Any, given: Trajectory) -> str:
+    """Which row of `given` the pose `at` of a path is of, that the device does not reach, and the mend."""
+    row = min(int(np.searchsorted(given.t_s, path.t_s[at] - 1e-9)), len(given) - 1)
+    file = Path(given.source)
+    place = place_of_row(file, row) if file.is_file() else f"{given.source}: row {row}"
+    reach_m = float(config.arm.upper_m + config.arm.fore_m)
+    base = config.arm.world_from_base.pos_m
+    far = math.dist(path.position_m[at], (base.x, base.y, base.z)) > _FAR * reach_m
+    mend = "are its positions in metres?" if far else "move the path or the base"
+    return f"{place}: the device does not reach this pose; {mend}"
+
+
+def hand_targets(path: Trajectory, config: Any, given: Trajectory | None = None) -> F64:
+    """What the hand does along a path: tip in the base's frame, m, and unwrapped wrist, rad; (n, 6).
+
+    given: as of joints_along.
+    """
+    joints = joints_along(path, config, given).astype(np.float64)
     upper, fore = float(config.arm.upper_m), float(config.arm.fore_m)
     u, f = joints[:, 1], joints[:, 2]
     return np.column_stack(
@@ -134,7 +156,7 @@ def operator_way(
 
     Errors: LoopError: out of reach.
     """
-    targets = hand_targets(resample(path, period_s), config)
+    targets = hand_targets(resample(path, period_s), config, path)
     return lead_in(targets, start_m), targets
 
 
@@ -162,6 +184,7 @@ class Loop:
 
         Errors: CreaseError for a configuration, parameters or faults that are refused.
         """
+        self._alone = Alone("loop")
         if handle is not None:
             config = _without_contact(config)
         self.servo = Servo(scene, config)
@@ -223,6 +246,7 @@ class Loop:
     def _catch(self, _kind: Any, error: BaseException, _trace: Any) -> None:
         self._caught = self._caught or error
 
+    @alone
     def _run(self, targets: F64 | None, count: int, stop_modes: int) -> int:
         records, rows = np.zeros(count, dtype=RECORD), np.zeros(count, dtype=MECHANISM)
         handle_rows = np.zeros(count if self.handle else 0, dtype=HANDLE)

@@ -340,6 +340,7 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
     from manifold3d import Manifold, OpType
 
     count, before = len(cavity), len(draft.triangles)
+    was = draft.vertices, draft.triangles
     area_m2, volume_m3 = draft.area_m2(), draft.volume_m3()
     if cavity.any() and not _outer_meet(draft, shell, cavity):
         return
@@ -364,11 +365,30 @@ def _unite(draft: Draft, shell: npt.NDArray[np.int32], cavity: npt.NDArray[np.bo
     now, _ = draft.shells()
     # Where solids touch along edges a union may leave a wall between them.
     draft.layered = bool(arrange.walls(draft.vertices, draft.triangles).any())
-    if now != count or len(draft.triangles) != before:
+    if len(pairs) == 0 and not cavity.any() and 0 < count - now == _within(Draft(*was), shell):
+        share = percent((area_m2 - draft.area_m2()) / area_m2)
+        draft.notes.append(
+            f"dropped {plural(count - now, 'shell')} wholly inside another, {share} of the surface"
+        )
+    elif now != count or len(draft.triangles) != before:
         draft.notes.append(
             f"united {count:,} shells that meet into {plural(now, 'shell')} "
             f"({_change(area_m2, draft.area_m2())} of the area, {_change(volume_m3, draft.volume_m3())} of the volume)"
         )
+
+
+def _within(draft: Draft, shell: npt.NDArray[np.int32]) -> int:
+    """Shells that lie in another, of shells that do not cross: how many."""
+    boxes = _shell_boxes(draft, shell, int(shell.max()) + 1)
+    margin_m, found = CROSSING * draft.diagonal_m, 0
+    for i, (low, high) in enumerate(boxes):
+        holding = ((boxes[:, 0] < low - margin_m) & (high + margin_m < boxes[:, 1])).all(axis=1)
+        point = draft.vertices[draft.triangles[np.argmax(shell == i), 0]]
+        found += any(
+            _inside(point, draft.vertices, draft.triangles[shell == j])
+            for j in np.flatnonzero(holding)
+        )
+    return found
 
 
 def _drop_flat_shells(draft: Draft) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_number
 from crease.base.attitude import to_matrix
 from crease.base.errors import SceneError, TrajectoryError
@@ -134,7 +135,7 @@ class Coupling:
         out = coupling.tick([0, 0, 0.008, 1, 0, 0, 0])   # out.force_N, out.torque_Nm, out.held_position_m, out.points
 
     The wrench is the spring's alone: never stiffer than it is, whatever is touched. `World` answers from the depth of
-    the hand's tool itself. Owned by one thread at a time; couplings may share a scene.
+    the hand's tool itself. One thread at a time, another gets a CreaseError; couplings may share a scene.
     """
 
     def __init__(
@@ -172,6 +173,7 @@ class Coupling:
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         couple = CoupleOptions(stiffness_turn, damping_turn, friction, (x, y, z))
         self._options = ReplayOptions(stiffness, damping, couple=couple)
+        self._alone = Alone("coupling")
         self._engine = Engine(self.scene, self._options)
         self._handle = self._engine.coupled
         self._pose = np.zeros(POSE_NUMBERS, np.float32)
@@ -181,11 +183,15 @@ class Coupling:
         self._out_c = ffi.cast("cr_couple_output *", ffi.from_buffer(memory))
         self._out = Held(memory, np.frombuffer(ffi.buffer(self._handle), COUPLED))
 
+    def __reduce__(self) -> NoReturn:
+        stays("Coupling", "send the path of its scene file, and make one there")
+
     @property
     def handle(self) -> Any:
         """The cffi `cr_coupled *`, for functions of `crease.base.native.lib`."""
         return self._handle
 
+    @alone
     def tick(self, pose: npt.ArrayLike, period_s: float = PERIOD_S) -> Held:
         """One tick: where the hand's tool is now, and how long since the last tick.
 
@@ -206,6 +212,7 @@ class Coupling:
         lib.cr_couple_tick(self._handle, self._engine.handle, self._pose_c, period_s, self._out_c)
         return self._out
 
+    @alone
     def replay(self, poses: npt.ArrayLike | Trajectory, period_s: float = PERIOD_S) -> Replay:
         """Many ticks in one call, from where the held tool is; `reset` first for a fresh one.
 
@@ -217,6 +224,7 @@ class Coupling:
         path = poses if isinstance(poses, Trajectory) else path_of(poses, period_s)
         return Replay(path, self._engine.run(path), self._options)
 
+    @alone
     def reset(self) -> None:
         """Let go, and forget faults: the next tick begins at the hand's pose."""
         self._engine.reset()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.alone import Alone, alone
 from crease.base.errors import SceneError
 from crease.base.native import COVERAGES, RESPONSES, error_text, ffi, lib, lib_of
 from crease.base.records import record
@@ -160,11 +161,12 @@ def make_coupled(options: ReplayOptions) -> Any:
 
 
 class World:
-    """A world of the firmware over a scene, in memory of its own. Not for two threads at once."""
+    """A world of the firmware over a scene, in memory of its own. Not for two threads at once: CreaseError."""
 
     def __init__(self, scene: Scene, options: ReplayOptions | None = None) -> None:
         """Errors: SceneError when the firmware refuses the settings; CreaseError for a rival that is not installed."""
         self.scene = scene
+        self._alone = Alone("world")
         self.config = make_config(options or ReplayOptions())
         self.native = lib_of(self.config.response)
         """The extension that made it: its functions alone take the `handle`."""
@@ -191,6 +193,7 @@ class World:
         """The cffi `cr_coupled *`; None for a world without a held tool."""
         return self._couple
 
+    @alone
     def reset(self) -> None:
         """Back to the state before the first tick.   Errors: SceneError."""
         start = -self._memory.ctypes.data % _ALIGN
@@ -204,6 +207,7 @@ class World:
         if self._couple is not None:
             lib.cr_coupled_reset(self._couple)
 
+    @alone
     def tick(self, pose: npt.ArrayLike, period_s: float = 1e-3) -> Any:
         """One tick of the world's own answer.
 
@@ -220,6 +224,7 @@ class World:
         self.native.lib.cr_tick(self._handle, world_from_tool, period_s, out)
         return out
 
+    @alone
     def run(
         self, path: Trajectory, progress: Callable[[float], None] = lambda _: None
     ) -> npt.NDArray[Any]:

@@ -127,6 +127,14 @@ def check_rows(rows: npt.NDArray[np.float64], source: str) -> Trajectory:
     return Trajectory(rows, source)
 
 
+def refuse_file(poses: object) -> None:
+    """Errors: TrajectoryError for the name of a file where poses are asked for."""
+    if isinstance(poses, (str, Path)):
+        raise TrajectoryError(
+            f"poses is the name of a file, {poses!s:.80}; give what crease.load_path reads from it"
+        )
+
+
 def load_trajectory(path: str | Path) -> Trajectory:
     """A path from a CSV or NPZ file with the columns t_s,x_m,y_m,z_m,qw,qx,qy,qz.
 

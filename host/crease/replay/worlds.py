@@ -6,11 +6,12 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
+from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_memory, check_whole
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.scene import Scene
@@ -33,7 +34,8 @@ class Worlds:
         seen = worlds.reset()                   # dict of arrays, (1024, ...)
         seen = worlds.step(poses)               # an action is a pose, (1024, 7)
 
-    Rewards and ends are the caller's: they are no part of the contact. Owned by one thread at a time.
+    Rewards and ends are the caller's: they are no part of the contact. One thread at a time calls it, another gets a
+    CreaseError.
     """
 
     def __init__(
@@ -69,6 +71,7 @@ class Worlds:
                 force_max=force_max,
             )
 
+        self._alone = Alone("batch of worlds")
         self.scene: Scene = scene if isinstance(scene, Scene) else Scene.open(scene)
         self._worlds = [fresh()]
         each_bytes = self._worlds[0].size_bytes + ROW.itemsize
@@ -86,9 +89,13 @@ class Worlds:
         self.rows: npt.NDArray[Any] = np.zeros(count, ROW)
         """Structured array (count,), `cr_replay_row` of host/native/replay.h: the last step, whole."""
 
+    def __reduce__(self) -> NoReturn:
+        stays("Worlds", "send the path of its scene file, and make one there")
+
     def __len__(self) -> int:
         return len(self._worlds)
 
+    @alone
     def step(self, actions: npt.ArrayLike, period_s: float = PERIOD_S) -> dict[str, F32]:
         """One tick of every world.
 
@@ -121,6 +128,7 @@ class Worlds:
             list(self._pool.map(tick, self._parts))  # the ticks run without the interpreter's lock
         return self._observe()
 
+    @alone
     def reset(self, which: npt.ArrayLike | None = None) -> dict[str, F32]:
         """Back to free space, without faults. which: (count,) bool; None: all.
 

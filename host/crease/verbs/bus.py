@@ -7,6 +7,7 @@ import contextlib
 import re
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -217,7 +218,7 @@ def _show(args: argparse.Namespace, monitor: Monitor) -> None:
 def _watch(args: argparse.Namespace) -> None:
     import can
 
-    from crease.base.table import check_target
+    from crease.base.table import check_target, refusals
     from crease.bus.dictionary import load
     from crease.bus.monitor import Monitor
     from crease.bus.transport import one_line, open_bus
@@ -230,18 +231,32 @@ def _watch(args: argparse.Namespace) -> None:
     monitor = Monitor(load())
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(open_bus(args.interface, args.channel, args.bitrate))
-        listeners: list[can.Listener] = []
+        listeners: list[Callable[[can.Message], None]] = []
         if args.log is not None:
-            listeners.append(stack.enter_context(can.Logger(args.log)))
+            with refusals(args.log):
+                log = can.Logger(args.log)
+            stack.callback(_in_words(args.log, log.stop))
+            listeners.append(_in_words(args.log, log.on_message_received))
         with raising(), contextlib.suppress(KeyboardInterrupt), one_line(bus):
             _listen(bus, monitor, listeners, args.seconds, sys.stdout.isatty() and not args.json)
     _show(args, monitor)
 
 
+def _in_words(log: Path, write: Callable[..., None]) -> Callable[..., None]:
+    """`write`, whose refusals by the disk are told of the file `log`."""
+    from crease.base.table import refusals
+
+    def written(*given: Any) -> None:
+        with refusals(log):
+            write(*given)
+
+    return written
+
+
 def _listen(
     bus: can.BusABC,
     monitor: Monitor,
-    listeners: list[can.Listener],
+    listeners: list[Callable[[can.Message], None]],
     seconds: float | None,
     live: bool,
 ) -> None:
@@ -255,7 +270,7 @@ def _listen(
             if message is not None:
                 monitor.feed(message)
                 for listener in listeners:
-                    listener.on_message_received(message)
+                    listener(message)
             if live and time.monotonic() - drawn_s > _REDRAW_S:
                 monitor.drops = kernel_drops(bus)
                 print("\x1b[H\x1b[2J" + "\n".join(monitor.lines()), flush=True)

@@ -95,7 +95,8 @@ def rows(one: Findings, voxel_m: float | None) -> list[tuple[str, str]]:
     name = unit_name(one.unit_m)
     sides = [side / one.unit_m for side in report["size_m"]]
     span = math.hypot(*sides)
-    size = " x ".join(format_coordinates(sides, span))
+    # Of a small side three digits too, whatever the whole.
+    size = " x ".join(format_coordinates([s], min(span, 10.0 * s) or span)[0] for s in sides)
     lines = [
         ("mesh", f"{one.source}: {report['triangles']:,} triangles, {size} {name}"),
         ("closed", _closed(report, span)),

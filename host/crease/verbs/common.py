@@ -121,14 +121,19 @@ STIFFNESS = 1000.0
 """Of the contact, N/m, when it is not given."""
 
 
-def add_stiffness(parser: argparse._ActionsContainer) -> None:
-    """--stiffness: of the contact."""
+COUPLED_STIFFNESS_LEAST = 1.0
+"""Of the spring to a held tool, N/m: as of cr_couple_config."""
+
+
+def add_stiffness(parser: argparse._ActionsContainer, *, couple: bool = False) -> None:
+    """--stiffness: of the contact.   couple: or of the spring to a held tool, for a verb with --couple."""
+    held = f"; with --couple {COUPLED_STIFFNESS_LEAST:g} to 1e6" if couple else ""
     parser.add_argument(
         "--stiffness",
         metavar="N/m",
         type=number(0.0, 1e6),
         default=STIFFNESS,
-        help=f"0 to 1e6 (default: {STIFFNESS:g})",
+        help=f"0 to 1e6{held} (default: {STIFFNESS:g})",
     )
 
 
@@ -163,7 +168,9 @@ def add_couple(parser: argparse._ActionsContainer, what: str) -> None:
 
 
 def couple_options(args: argparse.Namespace) -> CoupleOptions | None:
-    """Settings of the held tool; None without --couple.   Errors: UsageError for a setting without --couple."""
+    """Settings of the held tool; None without --couple.   Errors: UsageError for a setting without --couple, and for
+    a --stiffness that a spring cannot have.
+    """
     from crease.replay.replay import CoupleOptions
 
     names = {
@@ -174,6 +181,11 @@ def couple_options(args: argparse.Namespace) -> CoupleOptions | None:
     }
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     if args.couple:
+        if args.stiffness < COUPLED_STIFFNESS_LEAST:
+            raise UsageError(
+                f"--stiffness {args.stiffness:g}: with --couple it is of the spring to the hand, "
+                f"{COUPLED_STIFFNESS_LEAST:g} to 1e6"
+            )
         return CoupleOptions(**{names[name]: value for name, value in given.items()})
     for name in given:
         raise UsageError(f"--{name.replace('_', '-')} is of a held tool; give --couple too")

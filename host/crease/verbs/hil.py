@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import io
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from crease.base.progress import Progress
 from crease.base.scene import open_scene
-from crease.base.table import check_suffix, check_target, write_bytes, write_table
+from crease.base.table import (
+    check_suffix,
+    check_target,
+    together,
+    write_atomic,
+    write_bytes,
+    write_table,
+)
 from crease.replay.replay import DEFAULT_RESPONSE
 from crease.replay.trajectory import load_trajectory
 from crease.verbs.common import (
@@ -91,9 +100,9 @@ def add_parser(sub: SubParsers) -> None:
         metavar="KIND:tick=N,...",
         action="append",
         default=[],
-        help="as for `crease sim`; repeatable (in process)",
+        help="as for `crease sim`, such as drop:tick=1500,id=0x191; repeatable (in process)",
     )
-    add_stiffness(parser)
+    add_stiffness(parser, couple=True)
     parser.add_argument(
         "--response",
         metavar="NAME",
@@ -149,11 +158,7 @@ def run(args: argparse.Namespace) -> int:
 
     faults = parse_faults(args.fault)
     handle = _handle_of(args)
-    check_suffix(args.output, (".csv", ".npz") if handle else (SUFFIX, ".mcap"))
-    check_target(args.output, args.force, (args.scene, args.operator))
-    if args.table is not None:
-        check_suffix(args.table, (".csv", ".npz"))
-        check_target(args.table, args.force, (args.scene, args.operator))
+    _check_outputs(args, (".csv", ".npz") if handle else (SUFFIX, ".mcap"))
     check_bitrate(args.bitrate)
     scene, path = open_scene(args.scene), load_trajectory(args.operator)
     warn(far_centre(scene, couple_options(args)))
@@ -162,26 +167,42 @@ def run(args: argparse.Namespace) -> int:
         if given or args.response != DEFAULT_RESPONSE:
             raise UsageError(_ELSEWHERE[(*given, "response")[0]])
         check_channel(args.interface, args.channel)
-        with raising(), tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
-            record = Path(folder) / "run.crr"
-            result = run_socketcan(args.scene, scene, path, args.channel, record, args.stiffness)
-    else:
-        result = _run_inprocess(args, scene, path, handle, faults)
-    rows = result.recording.rows
-    warn(never_acted(args.fault, result.syncs, result.injected))
-    if handle is not None:
-        write_table(args.output, _held_table(result))
-    elif args.output.suffix == ".mcap":
-        from crease.replay.export import write_recording
+    with together():
+        if args.interface == "socketcan":
+            with raising(), tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
+                record = Path(folder) / "run.crr"
+                result = run_socketcan(
+                    args.scene, scene, path, args.channel, record, args.stiffness
+                )
+        else:
+            result = _run_inprocess(args, scene, path, handle, faults)
+        rows = result.recording.rows
+        warn(never_acted(args.fault, result.syncs, result.injected))
+        if handle is not None:
+            write_table(args.output, _held_table(result))
+        elif args.output.suffix == ".mcap":
+            from crease.replay.export import write_recording
 
-        write_recording(args.output, result.recording, scene)
-    else:
-        write_bytes(args.output, recording_bytes(rows, result.recording.config, scene))
-    if args.table is not None:
-        write_table(args.table, _table(result))
+            write_recording(args.output, result.recording, scene)
+        else:
+            write_bytes(args.output, recording_bytes(rows, result.recording.config, scene))
+        if args.table is not None:
+            write_table(args.table, _table(result))
     report = {"output": str(args.output), "transport": args.interface, **describe(result)}
     print_either(args.json, report, _lines(report))
     return FAULTED if report["faulted"] else 0
+
+
+_LOGS = (".log", ".asc", ".blf")
+
+
+def _check_outputs(args: argparse.Namespace, suffixes: tuple[str, ...]) -> None:
+    """Errors: CreaseError for an output that cannot be written.   suffixes: of -o."""
+    outputs = ((args.output, suffixes), (args.table, (".csv", ".npz")), (args.log, _LOGS))
+    for path, known in outputs:
+        if path is not None:
+            check_suffix(path, known)
+            check_target(path, args.force, (args.scene, args.operator))
 
 
 def _handle_of(args: argparse.Namespace) -> Any:
@@ -230,26 +251,43 @@ def _run_inprocess(
 
         if args.log is None:
             return run_inprocess(scene, path, config, params, faults, progress=say, **held)
-        import can
+        results: list[Any] = []
 
-        check_suffix(args.log, (".log", ".asc", ".blf"))
-        check_target(args.log, args.force)
-        with can.Logger(str(args.log)) as log:
-
-            def keep(t_s: float, frame: Any) -> None:
-                log(
-                    can.Message(
-                        timestamp=t_s,
-                        arbitration_id=frame.id,
-                        data=frame.data,
-                        is_extended_id=False,
-                        channel="inprocess",
-                    )
+        def run_into(keep: Callable[[float, Any], None]) -> None:
+            results.append(
+                run_inprocess(
+                    scene, path, config, params, faults, on_frame=keep, progress=say, **held
                 )
-
-            return run_inprocess(
-                scene, path, config, params, faults, on_frame=keep, progress=say, **held
             )
+
+        write_atomic(args.log, lambda file: _log_into(file, args.log.suffix.lower(), run_into))
+        return results[0]
+
+
+def _log_into(
+    file: BinaryIO, suffix: str, run_into: Callable[[Callable[[float, Any], None]], None]
+) -> None:
+    """Write the frames of a run to a file in the format of the suffix, one of _LOGS.
+
+    run_into: makes the run, and tells what it is given of every frame: when, s, and what.
+    """
+    import can
+
+    make: Any = {".log": can.CanutilsLogWriter, ".asc": can.ASCWriter, ".blf": can.BLFWriter}
+    with make[suffix](file if suffix == ".blf" else io.TextIOWrapper(file, "ascii")) as log:
+
+        def keep(t_s: float, frame: Any) -> None:
+            log.on_message_received(
+                can.Message(
+                    timestamp=t_s,
+                    arbitration_id=frame.id,
+                    data=frame.data,
+                    is_extended_id=False,
+                    channel="inprocess",
+                )
+            )
+
+        run_into(keep)
 
 
 def _felt_columns(felt: Any) -> dict[str, Any]:

@@ -48,6 +48,8 @@ def skips(text: str) -> int:
     for name in names:
         if name not in SKIPS:
             known = ", ".join(SKIPS)
+            if name == "none":
+                raise argparse.ArgumentTypeError("'none' stands alone; leave it or the others out")
             raise argparse.ArgumentTypeError(f"'{name}' is no skip; known are none, {known}")
     return skip_mask(names)
 
@@ -75,7 +77,7 @@ def add_parser(sub: SubParsers) -> None:
         required=True,
         help="the table, CSV or NPZ by suffix; or MCAP: ROS 2 messages with contact points and areas",
     )
-    add_stiffness(parser)
+    add_stiffness(parser, couple=True)
     parser.add_argument(
         "--damping",
         metavar="Ns/m",
@@ -169,10 +171,21 @@ def _couple_of(args: argparse.Namespace) -> CoupleOptions | None:
     """Settings of the held tool; None without --couple.   Errors: UsageError for options that do not go together."""
     couple = couple_options(args)
     if couple is None:
+        if (
+            args.coverage != "soft"
+            and args.response == DEFAULT_RESPONSE
+            and not is_recording(args.path)
+        ):
+            raise UsageError(
+                f"--coverage {args.coverage}: {DEFAULT_RESPONSE} weighs every sample by its depth; give --response "
+                "extent too, the method as published"
+            )
         return None
     for option, name in _UNCOUPLED:
         if getattr(args, name) is not None:
             raise UsageError(f"--couple has no {option}; leave it out")
+    if args.coverage != "soft":
+        raise UsageError("--couple has no --coverage; leave it out")
     if args.response != DEFAULT_RESPONSE:
         raise UsageError(f"--response {args.response}: a held tool has no response but its own")
     if args.output.suffix == ".mcap" or is_recording(args.path):

@@ -68,10 +68,16 @@ def add_parser(sub: SubParsers) -> None:
         metavar="KIND:tick=N,...",
         action="append",
         default=[],
-        help=f"{', '.join(FAULT_KINDS)}; with tick, ticks, axis (X, Y, Z), id, to (drives, host), value; repeatable",
+        help=f"{', '.join(FAULT_KINDS)}; with tick, ticks, axis (X, Y, Z), id, to (drives, host), value; "
+        f"{', '.join(_OF_FRAMES[:-1])} and {_OF_FRAMES[-1]} need id, such as id=0x191 (`crease bus --schedule`); "
+        "repeatable",
     )
     add_json(parser)
     parser.set_defaults(run=run)
+
+
+_OF_FRAMES = ("drop", "delay", "duplicate", "reorder", "corrupt")
+"""Faults of the frames with one identifier, which has no usual value."""
 
 
 def parse_fault(text: str) -> Fault:
@@ -104,6 +110,10 @@ def parse_fault(text: str) -> Fault:
     fault = Fault(kind=kind, **values)
     if wrong := fault_out_of_range(fault):
         raise UsageError(f"fault '{text}': {wrong}")
+    if kind in _OF_FRAMES and "id" not in given:
+        raise UsageError(
+            f"fault '{text}': {kind} needs id=, such as id=0x191: see `crease bus --schedule`"
+        )
     return fault
 
 

@@ -161,7 +161,7 @@ def _contacts_of(made: _Made, replay: Replay, path: Trajectory, answered: Answer
 def _add_replay(
     made: _Made, key: str, replay: Replay, path: Trajectory, options: ReplayOptions
 ) -> dict[str, Any]:
-    """What the header says of a replay: its stiffness and its jumps."""
+    """What the header says of a replay: its stiffness, its jumps, and the settings of one made for the page alone."""
     packer, table = made.packer, replay.table
     held = options.couple is not None
     force_N = forces_N(table)
@@ -192,6 +192,7 @@ def _add_replay(
     return {
         "stiffness_N_m": stiffness,
         "held": held,
+        "settings": f"{options.response}, {options.stiffness_N_m:g} N/m",
         "jumps": jumps(force_N, amplification).tolist(),
         "runs": int(table[RUNS][0]) if RUNS in table else None,
     }

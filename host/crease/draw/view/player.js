@@ -51,7 +51,7 @@ class Player {
   }
 
   makePanes() {
-    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview, held }, i) => {
+    this.panes = this.header.replays.map(({ name, stiffness_N_m, preview, held, settings }, i) => {
       const pane = find("panes").appendChild(document.createElement("div"));
       pane.className = "pane";
       const told = pane.appendChild(document.createElement("div"));
@@ -60,7 +60,7 @@ class Player {
       chip.className = "chip";
       chip.style.background = `var(--replay${i})`;
       told.appendChild(document.createElement("b")).textContent = name;
-      if (preview) told.appendChild(document.createElement("p")).textContent = "not replayed yet: zones, 1000 N/m";
+      if (preview) told.appendChild(document.createElement("p")).textContent = `not replayed yet: ${settings}`;
       const table = told.appendChild(document.createElement("table"));
       const values = ["force", "torque", held ? "spring" : "depth", "turn", "amplification", "tick", "contact"].map((label) => {
         const row = table.insertRow();
@@ -205,7 +205,10 @@ class Player {
       const place = { x: Math.round((i % best.columns) * across), y: Math.round(Math.floor(i / best.columns) * down) };
       place.width = Math.max(1, Math.round(across));
       place.height = Math.max(1, Math.round(down));
-      place.shift = told.offsetWidth > 0.3 * place.width ? Math.round(0.5 * told.offsetWidth) : 0; // beside the text, not below it
+      // Beside the text, not behind it; below it where too little is left beside it.
+      const share = told.offsetWidth / place.width;
+      place.shift = share > 0.3 && share <= 0.6 ? Math.round(0.5 * told.offsetWidth) : 0;
+      place.drop = share > 0.6 ? Math.round(0.5 * Math.min(told.offsetHeight, 0.6 * place.height)) : 0;
       Object.assign(pane.style, { left: `${place.x}px`, top: `${place.y}px`, width: `${place.width}px`, height: `${place.height}px` });
       return place;
     });

@@ -428,7 +428,7 @@ class Stage {
       this.renderer.setViewport(pane.x, low, pane.width, pane.height);
       this.renderer.setScissor(pane.x, low, pane.width, pane.height);
       this.camera.aspect = pane.width / pane.height;
-      this.camera.setViewOffset(pane.width, pane.height, -pane.shift, 0, pane.width, pane.height);
+      this.camera.setViewOffset(pane.width, pane.height, -pane.shift, -(pane.drop ?? 0), pane.width, pane.height);
       this.camera.updateProjectionMatrix();
       this.show(i, frames[i], display);
       const scale = (pane.height * this.renderer.getPixelRatio()) / 2 / Math.tan(THREE.MathUtils.degToRad(FIELD_OF_VIEW_DEG / 2));
