@@ -166,7 +166,7 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
          "value 99999999999 is out of range, -2147483648..2147483647, counts", 2),
         (["sim", "-i", "virtual", "-c", "x", "--fault", "drop:tick=1,tick=2"], "tick is given twice", 2),
         *(
-            (["sim", "-i", "virtual", "-c", "x", "--fault", f"{kind}:tick=1"],
+            (["sim", "-i", "virtual", "-c", "x", "--seconds", "0.1", "--fault", f"{kind}:tick=1"],
              f"fault '{kind}:tick=1': {kind} needs id=, such as id=0x191: see `crease bus --schedule`", 2)
             for kind in ("drop", "delay", "duplicate", "reorder", "corrupt")
         ),

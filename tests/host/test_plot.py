@@ -118,7 +118,7 @@ def test_the_word_noticeable_stands_inside_the_panel_with_its_line(
 ) -> None:
     table = dict(read_table(press_out))
     count = len(table["t_s"])
-    angle = np.radians(np.cumsum(np.r_[largest_deg, np.full(count - 1, usual_deg)]))
+    angle = np.radians(np.cumsum(np.r_[largest_deg - usual_deg, np.full(count - 1, usual_deg)]))
     angle -= angle[0] * (np.arange(count) == 0)
     table |= {"fx_N": np.cos(angle), "fy_N": np.sin(angle), "fz_N": np.zeros(count)}
     figure = draw_ticks([table], ["turns"])
