@@ -166,3 +166,40 @@ def test_samples_at_an_inner_corner_are_of_the_part_that_they_lie_on(
     as one: pushed out by up to 2.6 mm, and the plate aside by 0.5 where its runner stands clear."""
     pushed = pushed_mm(scene_of(name, spacing_mm), at_mm)
     assert pushed == pytest.approx(out_mm, abs=WITHIN_MM)
+
+
+def bar(profile_mm: list[tuple[float, float]], end_mm: float) -> manifold3d.Manifold:
+    """The hull of a profile in x and z along y, to both sides."""
+    ends = product(profile_mm, (-end_mm, end_mm))
+    return manifold3d.Manifold.hull_points(np.array([(x, y, z) for (x, z), y in ends]))
+
+
+@cache
+def dovetail() -> Scene:
+    """A slide that has 0.3 mm of play in its guide, whose walls overhang."""
+    right = [(30.0, -10.0), (16.4, -10.0), (10.4, 0.0), (30.0, 0.0)]
+    guide = [bar([(s * x, z) for x, z in right], 40.0) for s in (-1.0, 1.0)]
+    flanks = bar([(-16.0, -10.0), (-10.0, 0.0), (10.0, 0.0), (16.0, -10.0)], 25.0)
+    plate, neck = solid([(-20, 20, -25, 25, 0.4, 6)]), solid([(-10, 10, -25, 25, -1, 1)])
+    parts = ([solid([(-30, 30, -40, 40, -16, -10)]), *guide], [flanks, plate, neck])
+    static, tool = (manifold3d.Manifold.batch_boolean(p, manifold3d.OpType.Add) for p in parts)
+    return bake(static.simplify(1e-6), tool.simplify(1e-6), 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("at_mm", "out_mm"),
+    [
+        ((0.3, 0.0, 0.7), (-0.235, 0.0, -0.141)),
+        ((0.7, 0.0, 0.2), (-0.309, 0.0, -0.185)),
+        ((0.7, 0.0, 0.5), (-0.441, 0.0, -0.265)),
+        ((0.7, 0.0, 0.8), (-0.574, 0.0, -0.344)),
+        ((-0.7, 0.0, 0.8), (0.574, 0.0, -0.344)),
+        ((0.89, -15.0, 0.51), (-0.585, 0.0, -0.351)),
+    ],
+)
+def test_both_sides_of_an_edge_are_of_one_piece(
+    at_mm: tuple[float, float, float], out_mm: tuple[float, float, float]
+) -> None:
+    """A dovetail slide that is lifted: its way out is along the normal of the wall that overhangs. The slide's bottom
+    was of another piece than its flank, which alone was led upwards: into the wall, by up to 1.1 mm."""
+    assert pushed_mm(dovetail(), at_mm) == pytest.approx(out_mm, abs=WITHIN_MM)

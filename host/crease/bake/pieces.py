@@ -35,6 +35,8 @@ EDGE_SLACK = 0.01
 """How far a sample of a piece may lie above its planes beyond an edge, in spacings: as far it may be felt too deep."""
 NEAR = 2.5
 """A sample behind the planes of no piece is of one that has samples within so many spacings of it."""
+WHOLE_EDGE = 2.0
+"""So near a convex edge at which its piece ends, in spacings, a sample may be of another, that goes on beyond it."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
 
@@ -133,6 +135,36 @@ def _at_rim(rows: I64, beside: tuple[I32, I32], centre: F64, normal: F64) -> I64
     return np.concatenate([rim[member[rim]], far[~behind]])
 
 
+def _edges(beside: tuple[I32, I32], centre: F64, normal: F64) -> tuple[I64, I32]:
+    """Pairs of clusters beside each other that meet in a convex edge: two arrays of them, each pair both ways."""
+    starts, others = beside
+    first = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    way = centre[others] - centre[first]
+    bends = np.einsum("nx,nx->n", normal[first], normal[others]) < SHARP
+    below = np.einsum("nx,nx->n", way, normal[first]) < 0.0
+    above = np.einsum("nx,nx->n", way, normal[others]) > 0.0
+    edge = bends & below & above
+    return first[edge], others[edge]
+
+
+def _to_cut_edge(
+    point: F64, rows: I64, edges: tuple[I64, I32], order: list[I64], position_m: F64, most_m: float
+) -> F64:
+    """How far points (n, 3) are from the samples beyond the convex edges at which a piece ends, at most most_m.
+
+    rows: clusters of the piece; edges: as _edges has them; order: samples of each cluster, position_m (samples, 3).
+    """
+    first, others = edges
+    member = np.zeros(len(order), bool)
+    member[rows] = True
+    beyond = np.unique(others[member[first] & ~member[others]])
+    if len(beyond) == 0:
+        return np.full(len(point), most_m)
+    there = position_m[np.concatenate([order[i] for i in beyond])]
+    far_m: F64 = cKDTree(there).query(point, distance_upper_bound=most_m)[0]
+    return np.minimum(far_m, most_m)
+
+
 def _lies_behind(
     point: F64, own: I64, rows: I64, centre: F64, normal: F64, slack_m: float | None
 ) -> npt.NDArray[np.bool_]:
@@ -202,7 +234,8 @@ def mark_pieces(
     """The piece of each sample, (n,): the first of those that are needed.
 
     Where a piece ends a sample is of it when it lies behind all its planes, whatever its cluster: that may reach across
-    a notch. One that is of none so is of that near it above whose planes it rises least.
+    a notch. Beside a convex edge at which that ends it is of a piece that goes on beyond: an edge is felt as one only
+    where both its sides are of one piece. One that is of none so is of that near it above whose planes it rises least.
 
     Shapes: normal (clusters, 3); position_m (n, 3) of the samples, order: those of each cluster.
     """
@@ -219,11 +252,17 @@ def mark_pieces(
             f"{setting('spacing_m')}"
         )
     out = np.full(len(position_m), PIECE_NONE, np.int64)
+    edges, clear_m = _edges(beside, centre, normal), np.zeros(len(position_m))
     for piece, rows in enumerate(pieces):
         its = np.isin(cluster, rows)
         rim = np.concatenate([NOBODY, *(order[i] for i in _at_rim(rows, beside, centre, normal))])
         its[rim] = _lies_behind(
             position_m[rim], cluster[rim], rows, centre, normal, EDGE_SLACK * spacing_m
         )
-        out[its & (out == PIECE_NONE)] = piece
+        own = np.flatnonzero(its)
+        far_m = _to_cut_edge(
+            position_m[own], rows, edges, order, position_m, WHOLE_EDGE * spacing_m
+        )
+        better = far_m > clear_m[own]
+        out[own[better]], clear_m[own[better]] = piece, far_m[better]
     return _least_risen(out, position_m, cluster, pieces, centre, normal, NEAR * spacing_m)
