@@ -141,7 +141,7 @@ def test_replay_has_contact_to_speak_of(name: str) -> None:
 
 
 def test_a_spanner_on_a_machined_part_amplifies_little() -> None:
-    """Measured 2.76, where the extent has 13; without an exact table."""
+    """Measured 2.86, where the extent has 13; without an exact table."""
     spec = WITH_TABLE["part_spanner"]
     scene, path = open_scene(bench.SCENES / f"{spec.name}.crs"), load_trajectory(spec.path)
     options = ReplayOptions(stiffness_N_m=spec.stiffness_N_m)

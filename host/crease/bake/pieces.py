@@ -35,7 +35,7 @@ EDGE_SLACK = 0.01
 """How far a sample of a piece may lie above its planes beyond an edge, in spacings: as far it may be felt too deep."""
 NEAR = 2.5
 """A sample behind the planes of no piece is of one that has samples within so many spacings of it."""
-WHOLE_EDGE = 2.0
+WHOLE_EDGE = 3.0
 """So near a convex edge at which its piece ends, in spacings, a sample may be of another, that goes on beyond it."""
 SLACK = 0.1
 """How far below the surface ways go, and how far they may be outside, in spacings."""
