@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import threading
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,7 +12,15 @@ import pytest
 from crease.base import table
 from crease.base.errors import CreaseError, TableError
 from crease.base.settings import command_line
-from crease.base.table import check_target, load_npz, read_table, write_atomic, write_table
+from crease.base.table import (
+    check_target,
+    load_npz,
+    read_table,
+    together,
+    write_atomic,
+    write_bytes,
+    write_table,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -110,3 +119,17 @@ def test_npz_that_unpacks_to_more_than_the_limit_is_refused_unread(
         TableError, match=r"bomb\.npz: unpacks to 0\.008 GB, more than the 0\.001 GB"
     ):
         load_npz(path)
+
+
+def test_what_another_thread_writes_does_not_wait_for_a_group(tmp_path: Path) -> None:
+    """The group is of the thread that opened it: what another one wrote would be left out when that group failed."""
+    own, other = tmp_path / "own", tmp_path / "other"
+    with together():
+        write_bytes(own, b"own")
+        thread = threading.Thread(target=write_bytes, args=(other, b"other"))
+        thread.start()
+        thread.join()
+        assert other.read_bytes() == b"other"
+        assert not own.exists()
+    assert own.read_bytes() == b"own"
+    assert sorted(tmp_path.iterdir()) == [other, own]

@@ -7,6 +7,7 @@ import csv
 import fcntl
 import os
 import tempfile
+import threading
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -104,28 +105,35 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:
 
 def write_together(files: Mapping[Path, Callable[[BinaryIO], None]]) -> None:
     """write_atomic of files that belong together: all of them or none."""
-    if not _groups:
+    if not _groups.open:
         with together():
             write_together(files)
         return
-    begun, moves = _groups[-1]
+    begun, moves = _groups.open[-1]
     for path, write in files.items():
         moves.append((_temporary(path, write, begun), path))
 
 
-_groups: list[tuple[contextlib.ExitStack, list[tuple[Path, Path]]]] = []
+class _Groups(threading.local):
+    """Of the calling thread: what takes temporary files away, and the moves to their places, of each `together`."""
+
+    def __init__(self) -> None:
+        self.open: list[tuple[contextlib.ExitStack, list[tuple[Path, Path]]]] = []
+
+
+_groups = _Groups()
 
 
 @contextlib.contextmanager
 def together() -> Iterator[None]:
-    """What is written within this is moved to its place at its end: all of the files or none."""
+    """What this thread writes within this is moved to its place at its end: all of the files or none."""
     with contextlib.ExitStack() as begun:
         moves: list[tuple[Path, Path]] = []
-        _groups.append((begun, moves))
+        _groups.open.append((begun, moves))
         try:
             yield
         finally:
-            _groups.pop()
+            _groups.open.pop()
         with steady():
             for made, path in moves:
                 with refusals(path):

@@ -18,8 +18,7 @@ from crease.loop import hil
 from crease.loop.loop import NORMAL_GRIP, Hand, Setup, bring_up, servo_config, sim_params
 from crease.replay.recording import SUFFIX, fault_names, mode_names, recording_bytes
 from crease.replay.replay import DEFAULT_RESPONSE
-from crease.replay.trajectory import Trajectory, check_rows, refuse_file
-from crease.replay.world import POSE_NUMBERS
+from crease.replay.trajectory import POSE_NUMBERS, Trajectory, check_rows, refuse_file
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

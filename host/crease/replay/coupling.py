@@ -12,14 +12,14 @@ import numpy.typing as npt
 from crease.base.alone import Alone, alone, stays
 from crease.base.arguments import check_number
 from crease.base.attitude import to_matrix
-from crease.base.errors import SceneError, TrajectoryError
+from crease.base.errors import SceneError
 from crease.base.native import ffi, lib
 from crease.base.records import record
 from crease.base.scene import Scene
 from crease.replay.replay import CoupleOptions, ReplayOptions
 from crease.replay.replay import World as Engine
-from crease.replay.trajectory import Trajectory
-from crease.replay.world import PERIOD_S, POSE_NUMBERS, Replay, path_of
+from crease.replay.trajectory import POSE_NUMBERS, Trajectory, put_pose
+from crease.replay.world import PERIOD_S, Replay, path_of
 
 F32 = npt.NDArray[np.float32]
 
@@ -198,17 +198,10 @@ class Coupling:
         pose: (7,) x y z in m, unit quaternion w x y z of world_from_tool.
         Output   the coupling's Held, written over by the next tick. A pose that is not sane latches a fault there, and
                  the wrench is zero until `reset`: the loop goes on.
-        Errors   TrajectoryError when pose is not 7 numbers.
+        Errors   TrajectoryError when pose is not 7 numbers; CreaseError while another thread is in this coupling.
         Cost     firmware/couple/DESIGN.md "Cost", and 2 us.
         """
-        try:
-            if len(pose) != POSE_NUMBERS:  # type: ignore[arg-type]
-                raise ValueError
-            self._pose[:] = pose
-        except (TypeError, ValueError) as error:
-            raise TrajectoryError(
-                "a pose is 7 numbers: x y z in m and a unit quaternion w x y z"
-            ) from error
+        put_pose(pose, self._pose)
         lib.cr_couple_tick(self._handle, self._engine.handle, self._pose_c, period_s, self._out_c)
         return self._out
 

@@ -24,6 +24,9 @@ PERIOD_MAX_S = 1.0
 POSITION_MAX_M = 1e4
 """Farthest coordinate of a row: what the firmware takes as a position."""
 
+POSE_NUMBERS = 7
+"""Of one pose: position in m and a unit quaternion, scalar first."""
+
 FIRST_PERIOD_S = 1e-3
 """Period of the tick of a path that has only one row."""
 
@@ -125,6 +128,21 @@ def check_rows(rows: npt.NDArray[np.float64], source: str) -> Trajectory:
     rows = np.array(rows, dtype=np.float64)
     rows[:, 4:] /= np.linalg.norm(rows[:, 4:], axis=1, keepdims=True)
     return Trajectory(rows, source)
+
+
+def put_pose(pose: npt.ArrayLike, into: npt.NDArray[np.float32]) -> None:
+    """A pose into the memory of a tick, (7,): x y z in m, unit quaternion w x y z.
+
+    Errors: TrajectoryError when it is not 7 numbers.
+    """
+    try:
+        if len(pose) != POSE_NUMBERS:  # type: ignore[arg-type]
+            raise ValueError
+        into[:] = pose
+    except (TypeError, ValueError) as error:
+        raise TrajectoryError(
+            "a pose is 7 numbers: x y z in m and a unit quaternion w x y z"
+        ) from error
 
 
 def refuse_file(poses: object) -> None:

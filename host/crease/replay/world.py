@@ -18,7 +18,7 @@ from crease.base.scene import Scene
 from crease.base.table import check_suffix, check_target, write_table
 from crease.replay.replay import DEFAULT_RESPONSE, ReplayOptions, to_columns
 from crease.replay.replay import World as Engine
-from crease.replay.trajectory import Trajectory, check_rows, refuse_file
+from crease.replay.trajectory import POSE_NUMBERS, Trajectory, check_rows, put_pose, refuse_file
 
 F32 = npt.NDArray[np.float32]
 U32 = npt.NDArray[np.uint32]
@@ -29,7 +29,6 @@ PERIOD_S = 1e-3
 OUTPUT = record("cr_output")
 """Of firmware/crease.h."""
 
-POSE_NUMBERS = 7
 _OBJECTS_BYTES = 4_000
 """Of Python for a world: measured."""
 
@@ -264,21 +263,14 @@ class World:
         pose: (7,) x y z in m, unit quaternion w x y z of world_from_tool.
         Output   the world's Output, written over by the next tick. A pose that is not sane latches a fault there, and
                  the force is zero until `clear_fault`: the loop goes on.
-        Errors   TrajectoryError when pose is not 7 numbers.
+        Errors   TrajectoryError when pose is not 7 numbers; CreaseError while another thread is in this world.
         Cost     1 to 3 us above the tick itself (README.md "From Python"), 0.15 us of it to keep other threads out; an
                  array costs less than a list.
         """
         if not self._enter():
             self._alone.refuse()
         try:
-            try:
-                if len(pose) != POSE_NUMBERS:  # type: ignore[arg-type]
-                    raise ValueError
-                self._pose[:] = pose
-            except (TypeError, ValueError) as error:
-                raise TrajectoryError(
-                    "a pose is 7 numbers: x y z in m and a unit quaternion w x y z"
-                ) from error
+            put_pose(pose, self._pose)
             self._tick(self._handle, self._pose_c, period_s, self._out_c)
         finally:
             self._leave()

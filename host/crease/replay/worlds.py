@@ -16,7 +16,8 @@ from crease.base.arguments import check_memory, check_whole
 from crease.base.errors import SceneError, TrajectoryError
 from crease.base.scene import Scene
 from crease.replay.replay import DEFAULT_RESPONSE, ROW
-from crease.replay.world import PERIOD_S, POSE_NUMBERS, World
+from crease.replay.trajectory import POSE_NUMBERS
+from crease.replay.world import PERIOD_S, World
 
 F32 = npt.NDArray[np.float32]
 U32 = npt.NDArray[np.uint32]
