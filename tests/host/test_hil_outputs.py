@@ -69,6 +69,7 @@ def test_a_log_is_read_back(
     assert log.stat().st_mode == out.stat().st_mode
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_the_old_log(tmp_path: Path, scene_crs: Path) -> None:
     way = write_path(tmp_path / "way.csv", np.tile([0.0, 0.0, 0.02], (200_000, 1)))
     out = tmp_path / "out"

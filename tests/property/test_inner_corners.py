@@ -102,6 +102,7 @@ def test_a_face_with_an_inner_corner_does_not_reach_into_the_hollow(
     assert pushed_mm(scene_of(name), at_mm) == pytest.approx(out_mm, abs=WITHIN_MM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_mm", [(-0.3, 0.0, -0.1), (-0.3, 0.0, -0.3), (-1.0, 10.0, -1.0)])
 def test_an_inner_corner_is_as_deep_whatever_its_triangles(
     at_mm: tuple[float, float, float],
@@ -186,6 +187,7 @@ def dovetail() -> Scene:
     return bake(static.simplify(1e-6), tool.simplify(1e-6), 1.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("at_mm", "out_mm"),
     [
