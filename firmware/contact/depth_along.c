@@ -14,15 +14,16 @@
 /* Work, in parts of a unit: a side of a surface; a zone that may be that of its lanes, or related to it, and one more; a half-space
  * that they may count for, and again where they do; there the rows of planes that bound them; a lane of a side, one that is asked for a half-space, and twice
  * where it is near another zone, finds its way through a row, or through all, and half of it to be above a row; a plane that is known, one of the half-space,
- * and a row that is gone through, or asked how far it is trusted, or the end of all; a lane that asks; an exit of a lane that waits, a place on its piece that is
- * looked at, and each exit from there; a step of a march, and each lane that marches. */
-#define PARTS_OF_SIDE 32u
+ * and a row that is gone through, or asked how far it is trusted, or the end of all; a lane that may be above a row that surely ends; one that is, or that asks;
+ * an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each lane that marches. */
+#define PARTS_OF_SIDE 35u
 #define PARTS_OF_ZONE 4u
 #define PARTS_OF_HALF 24u
 #define PARTS_OF_WAYS 32u
 #define PARTS_OF_LANE 4u
 #define PARTS_OF_ROW 8u
-#define PARTS_OF_MEETS 10u
+#define PARTS_OF_HIGH 1u
+#define PARTS_OF_MEETS 11u
 #define PARTS_OF_EXIT 13u
 #define PARTS_OF_PLACE 23u
 #define PARTS_OF_FIRST 2u
@@ -201,6 +202,10 @@ static void take_row(const cr_way_survey *s) {
     cr_way_ways *w = &scratch->ways;
     s->work->spent += PARTS_OF_ROW;
     if (w->row < e->count) {
+        if (!(w->row < e->own)) {
+            const uint32_t lanes = s->work->left, high = cr_way_find_ends(s->in, lanes, w->row, scratch);
+            s->work->spent += PARTS_OF_HIGH * cr_count_lanes(lanes) + PARTS_OF_MEETS * high;
+        }
         find_ways(&scratch->rest, s->work->left, e, w);
         s->work->spent += w->parts;
     } else if (w->asking != 0u && w->asked < e->count) {

@@ -439,7 +439,7 @@ static const cr_way_bound *steepest(const cr_way_half *half, float *leaves) {
 }
 
 /* May a hit be deeper in a half-space than what is known? Its lanes leave that, if not before, through the plane that is left most steeply: no later than from
- * anywhere on their pieces; where that plane is all there is, from their middles and the ends of creases. */
+ * anywhere on their pieces; where that plane is all there is, from their middles and the ends of creases. What is above it is out where they are over it, too. */
 static int is_deeper(const cr_way_survey *s, const cr_hit *hit, const cr_way_half *half) {
     const cr_scene *scene = s->in->field->scene;
     const struct cr_img_cluster *c = &scene->clusters[hit->cluster];
@@ -455,11 +455,15 @@ static int is_deeper(const cr_way_survey *s, const cr_hit *hit, const cr_way_hal
     const uint32_t over = kind->count == 1u ? kind->facet[0] : hit->facet;
     const uint32_t rising = half->bound_count == 1u && over == q->facet ? c->crease_mask : 0xffffu;
     const float most_m = leaves * (half->depth_m + CR_WAY_SLACK_M);
+    uint32_t at = 0u;
+    while (at < kind->count && kind->facet[at] != q->facet) {
+        at++;
+    }
+    const int ends = q->sure != 0u && at < kind->count;
     for (int i = lane_at(lanes, 0); i < CR_LANES && !(CR_SCALAR && deeper != 0u); i = lane_at(lanes, i + 1)) {
         const float h = height_above(c, i, q->normal, q->offset_m);
         const float rise = (float)((rising >> i) & 1u) * cr_way_rise(c, i, piece_width(c, i, q->normal));
-        const int ends = (h < 0.0f) | (int)q->sure; /* or else nothing does there */
-        deeper |= (uint32_t) !(ends & (rise - h <= most_m)) << i;
+        deeper |= (uint32_t) !(((h < 0.0f) | ends) & (rise - h <= most_m)) << i;
     }
     return (deeper & lanes) != 0u;
 }
@@ -519,9 +523,9 @@ static uint32_t join_zone(const cr_scene *scene, const cr_way_zones *zones, cr_w
     if (cr_way_turn(zones, z, r, w->half, &w->cone)) {
         w->left = 0u;
         w->next++;
-        return PARTS_OF_SIDES * related * (1u + related);
+        return PARTS_OF_SIDES * related * (2u + related);
     }
-    return PARTS_OF_SWEEP * (1u + related);
+    return PARTS_OF_SWEEP * (4u + related);
 }
 
 /* A step of a pass over the zones. Returns its work, in parts. */

@@ -30,6 +30,9 @@
 #define OTHER_SIDE 0.5f
 /* Share of the weight below which a sum gives no direction. The answer fades; else one of 224 random slow paths more jumps, by 1.1 mm. */
 #define OPEN_MIN 0.01f
+/* Share of the weight that faces a way which less than SEEN_BY samples tell. The answer fades; else the end of a nut that hardly touches pushes it along its slot by
+ * 0.6 mm: tests/property/test_inner_corners.py. */
+#define FACING 0.25f
 /* Relations that differ by less than this are one. */
 #define SAME 1e-3f
 /* Difference of two normals from which on they are not one direction. Were none, four pads on a floor would turn the tool: tests/property/test_force_of_way_out.py. */
@@ -203,6 +206,7 @@ static cr_vec3 favour_large(uint32_t zones, const cr_vec3 *unit, const float *al
  * back. */
 static void begin_projection(const cr_way_zones *zones, const float *part, float limit, cr_way_cone *cone) {
     cone->sweeps = 0u;
+    cone->limit = limit;
     for (uint32_t left = cone->zones; left != 0u;) {
         const int c = take_lane(&left);
         cone->held[c] = 1.0f / part[c] - 1.0f;
@@ -343,6 +347,16 @@ static void begin_half(const cr_way_zones *zones, const cr_way_relations *r, uin
     begin_projection(zones, part, LOOSE / cone->seen, cone);
 }
 
+/* Share of the weight that faces a way, of FACING: 1 where more does. */
+static float facing(const cr_vec3 *unit, const cr_way_cone *cone, cr_vec3 way) {
+    float faces = 0.0f;
+    for (uint32_t left = cone->zones; left != 0u;) {
+        const int c = take_lane(&left);
+        faces += cone->most[c] * higher_f(0.0f, v3_dot(unit[c], way));
+    }
+    return min_f(1.0f, faces / higher_f(FACING * cone->limit, 1e-30f));
+}
+
 /* Normal and arm of a half-space: the part of the sum in the cone of the normals that it is related to, and what is outside, as far as it is trusted: beyond
  * sampling error, and where most of what is touched bends, as far as its normals are spread: their mean turns as facets come and go, the sum does not. */
 static void end_half(const cr_vec3 *unit, const cr_way_cone *cone, cr_way_half *out) {
@@ -354,7 +368,8 @@ static void end_half(const cr_vec3 *unit, const cr_way_cone *cone, cr_way_half *
     const cr_vec3 couple = v3_sub(out->own_m, v3_cross(out->arm_m, cone->sum)); /* of all of it, about the middle */
     out->normal = v3_unit(way, 1e-6f);
     out->own_m = v3_mad(v3_cross(out->arm_m, out->normal), couple, 1.0f / max_f(max_f(length, size), 1e-30f));
-    out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f);
+    const float few = (1.0f - cone->seen) / (1.0f - SEEN_LEAST), faced = facing(unit, cone, out->normal);
+    out->open = min_f(1.0f, size / OPEN_MIN) * clamp_f(led, 0.0f, 1.0f) * (1.0f - few * (1.0f - faced * faced));
 }
 
 static int is_before(const cr_way_key *a, const cr_way_key *b) {

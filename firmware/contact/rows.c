@@ -91,27 +91,49 @@ void cr_way_find_rows(const cr_way_half *half, const cr_way_spots *at, uint32_t 
     add_bounds(half, at, lanes, e);
 }
 
-/* How far a sample meets a facet after a way (as long as it is taken to be, by the part that the plane has in the half-space): 1 where its piece reaches the
- * facet, 0 from twice as far beside its rectangle. */
-static float meets(const cr_respond_input *in, const struct cr_img_facet *facet, const struct cr_img_cluster *c, int i,
-                   cr_vec3 way_m) {
-    const cr_vec3 gone = v3_add(v3(c->x[i], c->y[i], c->z[i]), way_m);
-    const float reach_m = CR_WAY_REACH * c->ramp[i] + c->reach[i];
-    return clamp_f(2.0f - cr_way_beside(facet, cr_xform_point(in->world_from_tool, gone)) / reach_m, 0.0f, 1.0f);
+/* How far the piece of a sample reaches. */
+static inline float piece_reach(const struct cr_img_cluster *c, int i) {
+    return CR_WAY_REACH * c->ramp[i] + c->reach[i];
+}
+
+/* How far beside the rectangle of a row's facet a sample is after a way along the half-space's normal. */
+CR_OUT_OF_LINE float beside(const cr_respond_input *in, const cr_way_scratch *scratch, uint32_t row, int i,
+                            float way_m) {
+    const cr_way_rest *r = &scratch->rest;
+    const struct cr_img_cluster *c = r->c;
+    const cr_vec3 gone = v3_mad(v3(c->x[i], c->y[i], c->z[i]), r->half->normal, way_m);
+    const uint32_t facet = scratch->rows.facet[row];
+    CR_ASSERT(facet < in->field->scene->facet_count);
+    return cr_way_beside(&in->field->scene->facets[facet], cr_xform_point(in->world_from_tool, gone));
+}
+
+uint32_t cr_way_find_ends(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_way_scratch *scratch) {
+    cr_way_rows *e = &scratch->rows;
+    uint32_t asked = 0u;
+    CR_ASSERT(!(row < e->own));
+    while (lanes != 0u) {
+        const int i = take_lane(&lanes);
+        float *height_m = &e->height_m[row][i];
+        if (!(*height_m < 0.0f) && e->leaves[row][i] > CR_WAY_NO_PLANE) {
+            *height_m -= higher_f(0.0f, beside(in, scratch, row, i, 0.0f) - piece_reach(scratch->rest.c, i));
+            asked++;
+        }
+    }
+    return asked;
 }
 
 void cr_way_trust(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_way_scratch *scratch) {
     const cr_way_rest *r = &scratch->rest;
     const cr_way_rows *e = &scratch->rows;
-    const struct cr_img_facet *facet = &in->field->scene->facets[e->facet[row]];
     float *steep = scratch->ways.steep;
-    CR_ASSERT(!(row < e->own) && e->facet[row] < in->field->scene->facet_count);
+    CR_ASSERT(!(row < e->own));
     while (lanes != 0u) {
         const int i = take_lane(&lanes);
         const float leaves = e->leaves[row][i];
         if (e->seen[row] * leaves > steep[i]) {
             const float way_m = higher_f(0.0f, -e->height_m[row][i]) / leaves;
-            const float trust = e->seen[row] * meets(in, facet, r->c, i, v3_scale(r->half->normal, way_m));
+            const float past = beside(in, scratch, row, i, way_m) / piece_reach(r->c, i);
+            const float trust = e->seen[row] * clamp_f(2.0f - past, 0.0f, 1.0f);
             steep[i] = higher_f(steep[i], trust * leaves);
         }
     }

@@ -155,7 +155,7 @@ typedef struct {
     uint32_t zones, count;           /* bits, and how many they are */
     uint8_t order[CR_WAY_ZONES_MAX]; /* by their keys */
     uint32_t projected, sweeps;      /* projections that are done, sweeps of the one in hand */
-    float per_weight, trusted, seen, bent, known;
+    float per_weight, trusted, seen, bent, known, limit;
     cr_vec3 sum, left; /* what is still outside */
     float alpha[CR_WAY_ZONES_MAX], held[CR_WAY_ZONES_MAX], most[CR_WAY_ZONES_MAX];
 } cr_way_cone;
@@ -363,6 +363,11 @@ void cr_way_find_rows(const cr_way_half *half, const cr_way_spots *at, uint32_t 
 
 /* Purpose  cosine of a half-space's normal and a plane that bounds it, as far as it is left through: less where it belongs there in part, or hardly anything touches it. */
 float cr_way_leaves(const cr_way_half *half, const cr_way_bound *bound);
+
+/* Purpose  lower the lanes that are above a row's plane, where the static object surely ends, by how far they are beside the facet's rectangle, their pieces'
+ *          reach apart: it ends within 45 degrees of that. Returns how many are above.
+ * Source   WAY_OUT.md "Depth" */
+uint32_t cr_way_find_ends(const cr_respond_input *in, uint32_t lanes, uint32_t row, cr_way_scratch *scratch);
 
 /* Purpose  how far some lanes trust a row of planes that bounds them, once all rows are gone through: where the plane goes on and its facet does not, a march
  *          tells whether the way ends before.   Output  scratch->ways.steep. */

@@ -72,6 +72,7 @@ def test_least_motion_answers_as_the_exact_rows_of_a_scene(data: Path) -> None:
     assert max(six_judge.off_rms_mm(case, felt.wrench[ticks[some]], right[some])) < 1e-3
 
 
+@pytest.mark.slow
 def test_tool_that_pegs_hold_at_their_rims_goes_in(data: Path, tmp_path: Path) -> None:
     """Walls that end where chamfers begin, and chamfers that end where walls do, hold nothing beyond that."""
     case = Case.load(data, "ladder")
@@ -83,6 +84,7 @@ def test_tool_that_pegs_hold_at_their_rims_goes_in(data: Path, tmp_path: Path) -
     assert six_judge.largest_change_N(case, felt.wrench) < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lean_rad", "ways_rad"),
     [

@@ -244,6 +244,7 @@ def test_stable_stiffness_does_not_depend_on_the_number_of_contacts(
         assert low < found < high, (feet, one, found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feet", [1, 24])
 def test_all_feet_rest_on_the_block_and_no_more_press_than_a_wrench_has_components(
     tmp_path: Path, feet: int

@@ -110,6 +110,7 @@ def place_of_tool(tab: Page) -> tuple[float, float]:
     return x, y
 
 
+@pytest.mark.slow
 def test_the_report_comes_however_the_loop_is_told_to_end() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         running = start(SCENE)

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import crease
 import manifold3d
 import numpy as np
 import numpy.typing as npt
 import property_scenes
 import pytest
 from crease.base.scene import Scene
+from crease.mesh.mesh import make_mesh
 from crease.replay.replay import ReplayOptions, World
-from property_scenes import box
+from property_scenes import box, surface_of
 
 F64 = npt.NDArray[np.float64]
 STIFFNESS_N_M = 1000.0
@@ -66,6 +68,32 @@ def test_a_boss_that_is_not_touched_does_not_push(
     assert np.linalg.norm(push[:, :2], axis=1).max() < sideways_mm
 
 
+@pytest.mark.slow
+def test_a_pin_across_a_bore_is_held_by_both_its_rims() -> None:
+    """The planes of the bore's walls go on over the plate, where nothing ends: by them a pin 1.8 mm deep was 0.3."""
+    bore = manifold3d.Manifold.cylinder(20, 6, 6, circular_segments=48, center=True)
+    plate = box((-25, 25), (-25, 25), (-10, 0)) - bore
+    turn = np.arange(48) * 2 * np.pi / 48
+    ends = [(x, 3 * np.cos(a), 3 * np.sin(a)) for x in (-12.5, 12.5) for a in turn]
+    pin = manifold3d.Manifold.hull_points(np.array(ends))
+    scene = crease.bake(*(make_mesh(*surface_of(solid), 1e-3) for solid in (plate, pin)))
+    world = crease.World(scene, stiffness=STIFFNESS_N_M, force_max=1e6)
+    rng, clear = np.random.default_rng(5), 0
+    for _ in range(800):
+        yaw, angle, deep_mm = rng.uniform((0.0, 0.0, 0.3), (2 * np.pi, 2 * np.pi, 2.0))
+        off_mm = 9 * np.sqrt(rng.uniform()) * np.array([np.cos(angle), np.sin(angle)])
+        place_mm = [*off_mm, 3 - deep_mm]
+        world.reset()
+        out = world.tick([*(1e-3 * np.array(place_mm)), np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+        if out.record["stats"]["zones_dropped"][0] == 0:
+            clear += 1
+            pushed_mm = 1e3 / STIFFNESS_N_M * out.force_N
+            assert pushed_mm[2] == pytest.approx(deep_mm, rel=0.1), (place_mm, yaw, pushed_mm)
+            assert np.abs(pushed_mm[:2]).max() < 0.05 * deep_mm, (place_mm, yaw, pushed_mm)
+    assert clear > 700
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("voxel_mm", [1.0, 0.5])
 @pytest.mark.parametrize("step_mm", [0.1, 0.2, 0.3, 0.5])
 def test_a_block_over_a_low_step_is_as_deep_as_in_the_higher_floor(

@@ -15,6 +15,7 @@ from crease.bake.surface import make_surface
 from crease.base.scene import Scene
 from crease.mesh.mesh import make_mesh
 from property_scenes import bake, surface_of
+from scipy.spatial.transform import Rotation
 
 F64 = npt.NDArray[np.float64]
 STIFFNESS_N_M = 1000.0
@@ -52,10 +53,20 @@ PARTS: dict[str, tuple[Boxes, Boxes]] = {
         ],
         [(-20, 20, -25, 25, 0, 6), (-4, 4, -25, 25, -6, 0)],
     ),
+    "nut": (
+        [
+            (-30, 30, -40, 40, -20, -14),
+            (-30, -10.3, -40, 40, -14, -7),
+            (10.3, 30, -40, 40, -14, -7),
+            (-30, -5.3, -40, 40, -7, 0),
+            (5.3, 30, -40, 40, -7, 0),
+        ],
+        [(-10, 10, -12, 12, -13.7, -7.3), (-5, 5, -12, 12, -8, 8)],
+    ),
     "L": ([(-40, 0, -40, 40, -40, 0)], [(-30, 5, -15, 15, 0, 5), (0, 5, -15, 15, -30, 5)]),
 }
 """The static object and the tool: a bar under a comb of four teeth, a block beside the runners of a plate, a lid with
-a skirt, a tongue in a groove, an L over an edge."""
+a skirt, a tongue in a groove, a nut in a T-slot, an L over an edge."""
 
 
 def solid(boxes: Boxes) -> manifold3d.Manifold:
@@ -76,10 +87,15 @@ def scene_of(name: str, spacing_mm: float = 1.0, edge_mm: float | None = None) -
     return bake(static, tool, 1.0, spacing_mm)
 
 
-def pushed_mm(scene: Scene, at_mm: tuple[float, float, float]) -> F64:
-    """Force by stiffness, from a fresh world, the tool not turned."""
+def pushed_mm(
+    scene: Scene,
+    at_mm: tuple[float, float, float],
+    turned_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> F64:
+    """Force by stiffness, from a fresh world, the tool turned by a rotation vector."""
     world = crease.World(scene, stiffness=STIFFNESS_N_M, force_max=1e6)
-    out = world.tick([*(1e-3 * np.array(at_mm)), 1.0, 0.0, 0.0, 0.0])
+    x, y, z, w = Rotation.from_rotvec(turned_deg, degrees=True).as_quat()
+    out = world.tick([*(1e-3 * np.array(at_mm)), w, x, y, z])
     return np.asarray(1e3 * out.force_N.astype(np.float64) / STIFFNESS_N_M)
 
 
@@ -100,6 +116,24 @@ def test_a_face_with_an_inner_corner_does_not_reach_into_the_hollow(
     """As it did, by the second moment of the cell round the corner, a lid that is clear was lifted by up to 0.3 mm, and
     one that is beside its box by 0.68; a tongue was pushed along its groove by 0.52, an L that is clear by 0.48."""
     assert pushed_mm(scene_of(name), at_mm) == pytest.approx(out_mm, abs=WITHIN_MM)
+
+
+@pytest.mark.parametrize(
+    ("at_mm", "turned_deg"),
+    [
+        ((-0.155, -27.842, 0.824), (-0.034, 0.039, 0.309)),
+        ((-0.127, -27.956, 0.603), (-0.378, 0.069, 0.316)),
+        ((-0.151, -27.882, 0.776), (0.245, 0.031, 0.192)),
+        ((-0.182, -27.995, 0.815), (0.384, 0.027, 0.002)),
+        ((-0.157, 28.035, 0.679), (-0.312, 0.234, -0.155)),
+    ],
+)
+def test_the_end_of_a_nut_does_not_push_it_along_its_slot(
+    at_mm: tuple[float, float, float], turned_deg: tuple[float, float, float]
+) -> None:
+    """Lifted against the slot's lips near its mouth. Two samples of its end, hardly touched, pushed it by 0.6 mm."""
+    pushed = pushed_mm(scene_of("nut"), at_mm, turned_deg)
+    assert abs(pushed[1]) < 0.1 * abs(pushed[2])
 
 
 @pytest.mark.slow

@@ -87,6 +87,7 @@ def off_mm(static: str, way: Trajectory, units: int) -> F64:
     return np.asarray(1e3 / STIFFNESS_N_M * np.linalg.norm(force[1] - force[0], axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("static", "units", "bound_mm"),
     [

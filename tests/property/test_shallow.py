@@ -81,6 +81,7 @@ def run(program: Path, scene: str, rows: npt.NDArray[np.float64], job: Path) -> 
     return {name: float(value) for name, value in zip(said[::2], said[1::2], strict=True)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene", ["edge90_cube", "cylinder_ball", "bar_u", "part_spanner", "groove_block"]
 )

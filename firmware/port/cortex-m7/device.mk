@@ -24,11 +24,33 @@ RARELY := -fno-move-loop-invariants -fno-thread-jumps -fno-tree-dominator-opts
 RARE_C := $(addprefix firmware/,$(addprefix contact/,layers.c coverage.c field.c gather.c facets.c rows.c depth_along.c scene.c search.c answer.c) $(addprefix servo/,config.c modes.c bus.c servo.c control.c pose.c))
 
 # And passes of -Os that make one source or another larger: SOURCE=FLAG.
-WITHOUT := $(addprefix firmware/contact/,$(addsuffix =-fno-tree-forwprop,answer.c search.c gather.c)) \
-    $(addprefix firmware/,$(addsuffix =-fno-inline-functions-called-once,contact/resolve.c servo/pose.c servo/bus.c servo/modes.c)) \
-    $(addprefix firmware/contact/,$(addsuffix =-fno-expensive-optimizations,relate.c exits.c) scene.c=-fno-inline-small-functions measure.c=-fno-schedule-insns2 detect.c=-fno-schedule-insns2 layers.c=-fno-conserve-stack layers.c=-fno-tree-tail-merge planes.c=-fno-schedule-insns2 exits.c=-fno-tree-ter) \
-    $(addprefix firmware/,$(addsuffix =-fno-if-conversion,contact/scene.c servo/servo.c servo/control.c servo/modes.c) \
-        servo/servo.c=-fno-reorder-blocks servo/pose.c=-fno-ivopts servo/rerun.c=-fno-expensive-optimizations)
+without = $(addprefix firmware/$(1).c=-fno-,$(2))
+WITHOUT := $(call without,contact/answer,tree-forwprop) \
+    $(call without,contact/coverage,schedule-insns2 tree-sink) \
+    $(call without,contact/depth_along,caller-saves reorder-blocks) \
+    $(call without,contact/detect,if-conversion reorder-blocks schedule-insns2) \
+    $(call without,contact/exits,expensive-optimizations move-loop-invariants tree-ter) \
+    $(call without,contact/facets,caller-saves optimize-sibling-calls) \
+    $(call without,contact/gather,schedule-insns2 tree-forwprop tree-vrp) \
+    $(call without,contact/layers,conserve-stack expensive-optimizations optimize-sibling-calls tree-tail-merge) \
+    $(call without,contact/measure,schedule-insns2 ssa-phiopt tree-tail-merge) \
+    $(call without,contact/motion,inline-functions-called-once) \
+    $(call without,contact/planes,move-loop-invariants rerun-cse-after-loop schedule-insns2) \
+    $(call without,contact/relate,conserve-stack expensive-optimizations thread-jumps) \
+    $(call without,contact/resolve,inline-functions-called-once move-loop-invariants) \
+    $(call without,contact/rows,expensive-optimizations if-conversion tree-ter) \
+    $(call without,contact/scene,if-conversion inline-small-functions ssa-phiopt) \
+    $(call without,contact/search,ivopts tree-forwprop tree-fre) \
+    $(call without,servo/bus,inline-functions-called-once) \
+    $(call without,servo/config,optimize-sibling-calls tree-tail-merge) \
+    $(call without,servo/control,if-conversion reorder-blocks ssa-phiopt) \
+    $(call without,servo/modes,if-conversion inline-functions-called-once) \
+    $(call without,servo/pose,if-conversion inline-functions-called-once ivopts ssa-phiopt) \
+    $(call without,servo/record,schedule-insns2) \
+    $(call without,servo/rerun,expensive-optimizations) \
+    $(call without,servo/sdo,code-hoisting optimize-sibling-calls) \
+    $(call without,servo/servo,if-conversion reorder-blocks ssa-phiopt tree-sra) \
+    $(call without,servo/velocity,inline-functions-called-once)
 
 define CORTEX_VARIANT
 build/$(1)/.flags: FORCE
