@@ -16,7 +16,7 @@
  * where it is near another zone, finds its way through a row, or through all, and half of it to be above a row; a plane that is known, one of the half-space,
  * and a row that is gone through, or asked how far it is trusted, or the end of all; a lane that may be above a row that surely ends; one that is, or that asks;
  * an exit of a lane that waits, a place on its piece that is looked at, and each exit from there; a step of a march, and each lane that marches. */
-#define PARTS_OF_SIDE 35u
+#define PARTS_OF_SIDE 32u
 #define PARTS_OF_ZONE 4u
 #define PARTS_OF_HALF 24u
 #define PARTS_OF_WAYS 32u
