@@ -501,6 +501,16 @@ def test_a_name_that_the_terminal_cannot_show_is_escaped(
     assert (said.returncode, said.stderr.count(b"\n")) == (2, 1)
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_stream_that_is_closed_at_the_start_stops_nothing(
+    closed: str, ball_stl: Path, tmp_path: Path
+) -> None:
+    command = f"{Path(sys.executable).parent / 'crease'} check {ball_stl} --unit mm -o {tmp_path / 'c.png'}"
+    said = subprocess.run(["sh", "-c", f"{command} {closed}"], capture_output=True, check=False)
+    assert (said.returncode, said.stderr) == (0, b"")
+    assert [file.name for file in tmp_path.iterdir()] == ["c.png"]
+
+
 def test_a_full_disk_under_the_output_is_one_line(ball_stl: Path) -> None:
     command = [str(Path(sys.executable).parent / "crease"), "check", str(ball_stl), "--unit", "mm"]
     with Path("/dev/full").open("w") as full:
