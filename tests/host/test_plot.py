@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crease.base.table import read_table
 from crease.draw.corner import CornerCase, draw_corner, section_xz
-from crease.draw.plot import Table, draw_ticks, forces_N, save_figure, torques_Nm, turn_deg
+from crease.draw.plot import Table, draw_ticks, forces_N, plain, save_figure, torques_Nm, turn_deg
 from crease.mesh.mesh import load_mesh
 from host_tools import Run
 from hypothesis import given
@@ -52,6 +52,17 @@ def test_several_tables_share_a_figure_with_their_names(
     assert legend is not None
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["press_out", "other_out"]
+
+
+def test_a_name_that_is_no_utf8_is_drawn_with_a_mark(
+    folder: Path, press_out: Path, crease: Run
+) -> None:
+    other = folder / "pr\udcffss.csv"
+    other.write_bytes(press_out.read_bytes())
+    figure = folder / "mark.svg"
+    assert crease("plot", other, "-o", figure, "--title", "a \udcc3\udcb6").status == 0
+    assert plain("a \udcc3\udcb6 $") == "a \u00f6 \\$"
+    assert plain("pr\udcffss") == "pr\ufffdss"
 
 
 def test_panels_hold_the_numbers_of_the_table(press_out: Path) -> None:

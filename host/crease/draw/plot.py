@@ -93,7 +93,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def plain(text: str) -> str:
-    """A name or a title as it stands, whatever it has of mathematics: `$` begins none."""
+    """A name or a title as it stands, whatever it has of mathematics: `$` begins none. What is no UTF-8 is a mark."""
+    text = text.encode(errors="surrogateescape").decode(errors="replace")
     return text.replace("$", r"\$")
 
 
