@@ -123,9 +123,15 @@ def _sizes(options: BakeOptions, static: Mesh, tool: Mesh) -> _Sizes:
         if value > span:
             usual = default_spacing_m(tool)
             usual = usual if body == "tool" else default_voxel_m(static, usual)
-            raise MeshError(
-                f"{setting(name, value)} is larger than the {body} ({format_length(span)}): use a smaller one, such as "
+            # A tool that is large beside the mock-up: the default is what is too large.
+            such = (
                 f"{format_length(usual)}, the default"
+                if usual <= span
+                else format_length(_rounded(span / 30))
+            )
+            raise MeshError(
+                f"{setting(name, value)} is larger than the {body} ({format_length(span)}): use a smaller one, "
+                f"such as {such}"
             )
     tool_m = float(np.ptp(tool.vertices_m, axis=0).max())
     return _sizes_at(voxel, spacing, tool_m, options)
