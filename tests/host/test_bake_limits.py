@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -66,6 +67,19 @@ def test_a_length_larger_than_what_it_divides_is_refused_at_once(
     assert said.status == 1
     assert f"error: {option} 1e+06m is larger than the {body} (" in said.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_default_voxel_that_is_too_large_is_not_recommended(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    """`--voxel 670mm is larger than the mock-up (100 mm): use a smaller one, such as 670 mm, the default`."""
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), "--tool-unit", "m")
+    assert said.status == 1
+    (line,) = [line for line in said.err.splitlines() if line.startswith("error: ")]
+    assert " is larger than the mock-up (" in line
+    assert "the default" not in line
+    most, such = re.search(r"\((\S+) mm\): use a smaller one, such as (\S+) mm", line).groups()
+    assert float(such) < float(most)
 
 
 def test_a_sheet_thicker_than_the_mesh_is_large_is_refused(
@@ -191,7 +205,7 @@ def test_an_output_that_another_writes_is_refused_and_nothing_is_lost(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_bake_that_is_interrupted_leaves_nothing(
     tmp_path: Path, ball_stl: Path, number: signal.Signals
 ) -> None:

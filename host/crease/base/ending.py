@@ -1,4 +1,4 @@
-"""How the command ends when it is told to, by SIGINT or SIGTERM, wherever it is.
+"""How the command ends when it is told to, by SIGINT, SIGTERM or a terminal that closes, wherever it is.
 
 Nothing is raised there: an exception out of a signal breaks what is being imported, down to crashes of extensions. What
 was begun is undone, and the process ends at once.
@@ -16,6 +16,7 @@ from typing import Any
 SIGNALS: dict[int, Any] = {
     signal.SIGINT: signal.default_int_handler,
     signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
 }
 """What ends the command, and what Python does with it."""
 
