@@ -99,6 +99,8 @@ def test_one_row_is_a_path(tmp_path: Path) -> None:
         ("0.002,0,0,0,1,0,0,0,0", "9 columns where the header has 8"),
         ("0.002,0,zero,0,1,0,0,0", "y_m is 'zero', not a number"),
         ("0.002,0,,0,1,0,0,0", "y_m is '', not a number"),
+        ("0.002,0,1_0,0,1,0,0,0", "y_m is '1_0', not a number"),
+        ("0.002,0,\u0661,0,1,0,0,0", "y_m is '\u0661', not a number"),
         ("0.002,0,0,nan,1,0,0,0", "z_m is nan, not a finite number"),
         ("0.002,inf,0,0,1,0,0,0", "x_m is inf, not a finite number"),
         ("0.002,0,-10001,0,1,0,0,0", "y_m is -10001, more than 10 km off: positions are in metres"),

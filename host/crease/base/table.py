@@ -287,6 +287,15 @@ def data_lines(path: Path, skip: int) -> list[tuple[int, str]]:
         ]
 
 
+def _is_number(cell: str) -> bool:
+    """Whether the reader takes it: Python's `float` takes 1_0 and digits of other scripts too."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell and cell.strip().isascii()
+
+
 def _bad_line(
     path: Path, skip: int, names: list[str], texts: Sequence[int] = ()
 ) -> tuple[str, int | None]:
@@ -299,9 +308,7 @@ def _bad_line(
         if len(cells) != len(names):
             return f"{path}:{number}: {len(cells)} columns where the header has {len(names)}", None
         for column in (i for i in range(len(names)) if i not in texts):
-            try:
-                float(cells[column])
-            except ValueError:
+            if not _is_number(cells[column]):
                 what = f"{_shown(names[column])} is '{_shown(cells[column])}', not a number"
                 return f"{path}:{number}: {what}", column
     return f"{path}: cannot be read as CSV", None
