@@ -246,6 +246,12 @@ def test_command_line_says_what_is_wrong(crease: Run, tmp_path: Path) -> None:
     assert crease("experiment", "timing", "-o", tmp_path / "x", "--every", "0").status == 2
 
 
+def test_so_few_poses_that_nothing_is_left_are_refused(tmp_path: Path) -> None:
+    setup = Setup(MESHES, IMAGES, tmp_path, every=1_000_000)
+    with pytest.raises(CreaseError, match="--every 1000000: leaves 1 of the 1,992 poses"):
+        setup.path("edge90_cube")
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_an_experiment_says_beforehand_what_it_reads(name: str, tmp_path: Path) -> None:
     assert missing_inputs([name], MESHES) == []

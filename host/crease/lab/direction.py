@@ -70,7 +70,7 @@ def cases(setup: Setup) -> list[Case]:
     """The corners. The block's edge lies turned by 45 degrees against the wedges."""
     found = [
         Case(f"{angle} degrees", static, "sphere50", 2.0, 3.9,
-             wedge_path(angle, 45.0 if angle == 90 else 0.0)[:: setup.every])
+             setup.thinned(wedge_path(angle, 45.0 if angle == 90 else 0.0)))
         for angle, static in WEDGES.items()
     ]  # fmt: skip
     found.append(

@@ -102,7 +102,16 @@ class Setup:
                 f"{file}: is missing; run `make meshes`, or name its folder with --meshes"
             )
         whole = load_trajectory(file)
-        return Trajectory(np.ascontiguousarray(whole.rows[:: self.every]), whole.source)
+        return Trajectory(np.ascontiguousarray(self.thinned(whole.rows)), whole.source)
+
+    def thinned(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Each n-th row.   Errors: CreaseError when no step is left between two."""
+        left = rows[:: self.every]
+        if len(left) < 2:
+            raise CreaseError(
+                f"--every {self.every}: leaves {len(left)} of the {len(rows):,} poses of a path; take a smaller one"
+            )
+        return left
 
     def scene(
         self,
