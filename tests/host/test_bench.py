@@ -206,6 +206,23 @@ def test_a_program_that_does_not_compile_is_an_error(tmp_path: Path) -> None:
         build(tmp_path / "none", ("-DCR_TREE_DEPTH_MAX=99",))
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("pareto", "--search"),
+        ("touched", "--responses", "way_out"),
+        ("ablation", "--scenes", "bar_u"),
+    ],
+)
+def test_an_option_that_a_study_does_not_heed_is_refused(
+    crease: Run, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    said = crease("bench", *words, "-o", tmp_path / "out")
+    assert said.status == 2
+    assert f"error: {words[1]} is of properties" in said.err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("name", ["pareto", "precision", "ablation"])
 def test_missing_meshes_are_one_line_and_leave_nothing(
     crease: Run, tmp_path: Path, name: str

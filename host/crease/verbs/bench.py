@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from crease.base.errors import CreaseError
+from crease.base.errors import CreaseError, UsageError
 from crease.base.tree import from_tree
 from crease.verbs.common import (
     SubParsers,
@@ -19,6 +19,13 @@ from crease.verbs.common import (
 
 NAMES = ("properties", "pareto", "precision", "scaling", "ablation", "touched")
 QUICK_EVERY, QUICK_REPEAT = 8, 3
+OF = {
+    "scenes": ("properties", "touched"),
+    "responses": ("properties",),
+    "search": ("properties",),
+    "peers": ("properties", "pareto"),
+}
+"""Options that not every study heeds."""
 
 
 def add_parser(sub: SubParsers) -> None:
@@ -95,6 +102,11 @@ def run(args: argparse.Namespace) -> None:
     from crease.base.table import write_bytes
     from crease.lab.report import text_table
 
+    for option, studies in OF.items():
+        if getattr(args, option) and args.name not in (*studies, "all"):
+            raise UsageError(
+                f"--{option} is of {' and '.join(studies)}; leave it out of {args.name}"
+            )
     study = from_tree("bench", "study.run")
     out: Path = args.output
     check_folder(out)
