@@ -71,8 +71,27 @@ def test_a_campaign_is_taken_up_where_it_stopped(tmp_path: Path) -> None:
     assert len(whole) == len(parts) == 2
     assert all(same(a, b) for a, b in zip(whole, parts, strict=True))
     assert len(read_reports(tmp_path / "b", settings)) == 2
-    with pytest.raises(CreaseError, match="another folder"):
+    with pytest.raises(CreaseError, match=f"another folder, or give --seed {SEED}"):
         run_campaign(tmp_path / "b", replace(settings, seed=SEED + 1))
+
+
+def test_a_folder_of_another_campaign_is_told_with_what_differs(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.json"
+    file.write_text('{"seed": 1, "per_chunk": 10, "scenes": 2}')
+    with pytest.raises(CreaseError, match=r"name another folder, or give --scenes 2$"):
+        run_campaign(tmp_path, Settings(seed=1, cases=10, per_chunk=10, scenes=3))
+    for text in ("x", "[]", "{}", "3"):
+        file.write_text(text)
+        with pytest.raises(CreaseError, match=r"campaign\.json: is not of a campaign"):
+            run_campaign(tmp_path, Settings(seed=1, cases=10, per_chunk=10, scenes=3))
+
+
+@pytest.mark.parametrize("words", [("--quick",), ("--tls", "here")])
+def test_options_of_another_campaign_are_refused(
+    crease: Run, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    assert crease("stress", "-o", tmp_path / "out", "--cases", "1", *words).status == 2
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.fixture

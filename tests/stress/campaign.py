@@ -132,12 +132,16 @@ def open_campaign(folder: Path, settings: Settings) -> list[int]:
     except OSError as error:
         raise CreaseError(f"{folder}: cannot be made: {error.strerror}") from error
     if file.exists():
-        there = json.loads(file.read_text(encoding="utf-8"))
         ours = asdict(settings)
-        if any(there[key] != ours[key] for key in ("seed", "per_chunk", "scenes")):
+        try:
+            there = json.loads(file.read_text(encoding="utf-8"))
+            others = [key for key in ("seed", "per_chunk", "scenes") if there[key] != ours[key]]
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise CreaseError(f"{file}: is not of a campaign; name another folder") from error
+        if others:
+            same = " ".join(f"--{key.replace('_', '-')} {there[key]}" for key in others)
             raise CreaseError(
-                f"{folder}: holds a campaign of seed {there['seed']} with {there['per_chunk']} cases a chunk; "
-                "name another folder, or the same --seed"
+                f"{folder}: holds another campaign; name another folder, or give {same}"
             )
     write_bytes(file, (json.dumps(asdict(settings)) + "\n").encode())
     return [c for c in range(settings.chunks) if _done(folder, settings, c) is None]

@@ -74,10 +74,14 @@ def run(args: argparse.Namespace) -> None:
     import json
     from dataclasses import asdict
 
-    from crease.base.errors import CreaseError
+    from crease.base.errors import CreaseError, UsageError
     from crease.base.progress import Progress
     from crease.base.table import write_bytes
 
+    if args.quick and not args.closed_loop:
+        raise UsageError("--quick is of --closed-loop; give that too, or fewer --cases")
+    if args.tls and not args.scheduler:
+        raise UsageError("--tls is of a scheduler; give --scheduler too")
     if args.closed_loop:
         _closed_loop(args)
         return
