@@ -441,6 +441,21 @@ def test_record_that_is_a_folder_is_refused(tmp_path: Path, scene_crs: Path) -> 
     assert (status, text) == (1, f"error: {tmp_path}: is a folder; name a file\n")
 
 
+def test_a_scene_that_cannot_be_opened_is_told_with_its_mend_once(
+    tmp_path: Path, scene_crs: Path
+) -> None:
+    whole = scene_crs.read_bytes()
+    device = ROOT / "firmware" / "port" / "linux" / "device.toml"
+    scene = tmp_path / "bad.crs"
+    for data in (whole[:1000], bytes([*whole[:5000], whole[5000] ^ 1, *whole[5001:]])):
+        scene.write_bytes(data)
+        said = subprocess.run(
+            [CREASED, "--config", device, scene], capture_output=True, text=True, check=False
+        )
+        assert said.returncode == 2
+        assert said.stderr.count("bake it again") == said.stderr.count("\n") == 1
+
+
 def test_help_lists_the_words_of_a_fault() -> None:
     said = subprocess.run([CREASED, "--help"], capture_output=True, text=True, check=True).stdout
     words = re.split(r",\s+", said.split("its error code (0x603F):\n")[1].strip().rstrip("."))

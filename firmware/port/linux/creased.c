@@ -334,7 +334,9 @@ static int load_scene(daemon_state *d) {
     }
     cr_err err = cr_scene_open(&d->scene, d->image, d->image_bytes);
     if (err != CR_OK) {
-        snprintf(text, sizeof text, "%s: %s; bake it again", d->opt.scene_path, cr_err_text(err));
+        const char *why = cr_err_text(err);
+        const char *mend = strstr(why, "bake it again") == NULL ? "; bake it again" : "";
+        snprintf(text, sizeof text, "%s: %s%s", d->opt.scene_path, why, mend);
         return complain(EXIT_USAGE, text);
     }
     return 0;
