@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from crease.base.errors import CreaseError, SceneError, TableError
 from crease.base.scene import Scene
-from crease.base.table import Column, check_columns, read_table, write_atomic, write_table
+from crease.base.table import Column, check_columns, write_atomic, write_table
 from crease.base.version import VERSION
 from crease.replay.cdr import MESSAGES, Message, definition
 from crease.replay.clouds import contact_topics, options_of_recording, path_of_recording
@@ -28,6 +28,7 @@ from crease.replay.recording import (
 )
 from crease.replay.replay import ReplayOptions
 from crease.replay.replay import to_columns as tick_columns
+from crease.replay.ticks import read_ticks
 from crease.replay.trajectory import Trajectory
 
 FORMATS = ("mcap", "csv", "npz", "parquet")
@@ -59,7 +60,7 @@ def load(path: Path) -> tuple[Columns, Recording | None]:
         raise TableError(
             f"{path}: is no recording (.crr) and no table (.csv, .npz); give one of them"
         )
-    columns = read_table(path)
+    columns = read_ticks(path)
     if "t_s" not in columns:
         raise TableError(
             f"{path}: has no column t_s; give a table of `crease replay` or a recording"

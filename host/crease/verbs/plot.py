@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crease.base.errors import UsageError
-from crease.base.table import check_suffix, check_target, column_names, read_table, write_atomic
+from crease.base.table import check_suffix, check_target, column_names, write_atomic
 from crease.replay.recording import cut_warning, is_recording, load_recording
 from crease.replay.replay import ANSWER_COLUMNS
+from crease.replay.ticks import read_ticks
 from crease.verbs.common import SubParsers, add_force, warn
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def _draw_run(path: Path, title: str | None) -> Figure:
     from crease.draw.plot_loop import draw_loop, recording_table
 
     if not is_recording(path):
-        return draw_loop(read_table(path), title or path.stem)
+        return draw_loop(read_ticks(path), title or path.stem)
     recording = load_recording(path)
     warn(cut_warning(recording))
     return draw_loop(recording_table(recording), title or path.stem)
@@ -86,7 +87,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         if any(is_recording(path) for path in args.tables):
             raise UsageError("a recording is drawn alone; give one file")
-        tables = [read_table(path, ANSWER_COLUMNS) for path in args.tables]
+        tables = [read_ticks(path, ANSWER_COLUMNS) for path in args.tables]
         figure = draw_ticks(tables, labels(args.tables), args.title)
     kind = args.output.suffix.lower()[1:]
     write_atomic(args.output, lambda file: save_figure(figure, file, kind))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from crease.base.errors import UsageError
 from crease.base.native import RESPONSES
 from crease.base.scene import Scene, open_scene
-from crease.base.table import check_suffix, check_target, column_names, read_table, write_bytes
+from crease.base.table import check_suffix, check_target, column_names, write_bytes
 from crease.replay.recording import is_recording
 from crease.replay.replay import DEFAULT_RESPONSE
 from crease.verbs.common import (
@@ -140,11 +140,12 @@ def _replay(scene: Scene, name: str, path: Path) -> Replay:
     """A table as it is; a path, which has no answers yet, with those of the default settings."""
     from crease.draw.view import Replay
     from crease.replay.replay import ANSWER_COLUMNS, REPEAT, run_path, to_columns
+    from crease.replay.ticks import read_ticks
     from crease.replay.trajectory import COLUMNS, load_trajectory
 
     names = set(column_names(path))
     if not names >= set(COLUMNS) or names & set(ANSWER_COLUMNS[1:]):
-        return Replay(name, read_table(path))
+        return Replay(name, read_ticks(path))
     rows = load_trajectory(path)
     answers = run_path(scene, rows, repeat=REPEAT)
     return Replay(name, to_columns(rows, answers, REPEAT), preview=True)
