@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import threading
 from pathlib import Path
@@ -14,6 +15,7 @@ from crease.base.errors import CreaseError, TableError
 from crease.base.settings import command_line
 from crease.base.table import (
     check_target,
+    claim,
     load_npz,
     read_table,
     together,
@@ -133,3 +135,42 @@ def test_what_another_thread_writes_does_not_wait_for_a_group(tmp_path: Path) ->
         assert not own.exists()
     assert own.read_bytes() == b"own"
     assert sorted(tmp_path.iterdir()) == [other, own]
+
+
+def test_a_link_stays_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    for name in ("old.csv", "new.csv"):  # the second link leads to what is not there yet
+        link = tmp_path / name
+        link.symlink_to(there / name)
+    (there / "old.csv").write_text("old")
+    for name in ("old.csv", "new.csv"):
+        link = tmp_path / name
+        with pytest.raises(CreaseError, match="exists already"):
+            check_target(link, force=False)
+        check_target(link, force=True)
+        write_bytes(link, b"new")
+        assert link.is_symlink()
+        assert (there / name).read_bytes() == b"new"
+    assert {path.name for path in there.iterdir()} == {"old.csv", "new.csv"}
+
+
+def test_a_link_that_leads_nowhere_and_what_is_no_file_are_refused(tmp_path: Path) -> None:
+    away, ring, pipe = tmp_path / "away.csv", tmp_path / "ring.csv", tmp_path / "pipe.csv"
+    away.symlink_to(tmp_path / "none" / "out.csv")
+    ring.symlink_to(ring)
+    os.mkfifo(pipe)
+    for path, reason in ((away, "leads nowhere"), (ring, "leads nowhere"), (pipe, "a pipe")):
+        with pytest.raises(CreaseError, match=reason):
+            check_target(path, force=True)
+
+
+def test_a_file_is_claimed_by_whatever_name(tmp_path: Path) -> None:
+    link = tmp_path / "link.crs"
+    link.symlink_to(tmp_path / "scene.crs")
+    with (
+        claim(link),
+        pytest.raises(CreaseError, match="is being written"),
+        claim(tmp_path / "scene.crs"),
+    ):
+        pass

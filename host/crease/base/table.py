@@ -36,11 +36,14 @@ NPZ_BYTES_MAX = 2 << 30
 """Arrays of an NPZ file, unpacked: two hours of ticks. A small file can unpack to any size."""
 
 
-def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
-    """Whether `path` can be written, with `inputs` read before.
+def check_target(
+    path: Path, force: bool, inputs: Sequence[Path] = (), stream: bool = False
+) -> None:
+    """Whether `path` can be written, with `inputs` read before. A symbolic link stays: what it leads to is written.
 
-    Errors: CreaseError when an input is missing (said first) or is `path` itself, whatever `force`; when `path` exists
-    and `force` is not given; when its folder is missing.
+    Errors: CreaseError when an input is missing (said first) or is `path` itself, whatever `force`; when `path` exists,
+    be it as a link that leads nowhere, and `force` is not given; when it is no file; when its folder is missing.
+    stream: it is written bit by bit as it is, so that it may be a device or a pipe.
     """
     for source in inputs:
         if not source.exists():
@@ -49,22 +52,35 @@ def check_target(path: Path, force: bool, inputs: Sequence[Path] = ()) -> None:
             raise CreaseError(f"{path}: is an input; name another file for the output")
     if path.is_dir():
         raise CreaseError(f"{path}: is a folder; name a file")
-    if path.exists() and not force:
+    if path.exists() and not path.is_file() and not stream:
+        raise CreaseError(f"{path}: is a device or a pipe; name a file")
+    if os.path.lexists(path) and not force:
         raise CreaseError(f"{path}: exists already; give {setting('force', True)} to replace it")
     _check_parent(path)
 
 
 def _check_parent(path: Path) -> None:
-    """Errors: CreaseError when the folder that `path` lies in is missing."""
+    """Errors: CreaseError when the folder that `path` lies in is missing, or a link leads to none."""
     if not path.absolute().parent.is_dir():
         raise CreaseError(f"{path}: there is no folder {path.parent}; make it first")
+    place = _place(path)
+    if place.is_symlink() or not place.parent.is_dir():
+        raise CreaseError(
+            f"{path}: is a link that leads nowhere; take it away, or name another file"
+        )
+
+
+def _place(path: Path) -> Path:
+    """Where what is written to `path` lies: at the end of a symbolic link."""
+    return Path(os.path.realpath(path))
 
 
 @contextlib.contextmanager
 def claim(path: Path) -> Iterator[None]:
     """Hold an output for this process until the work is done.   Errors: CreaseError when another one holds it."""
     _check_parent(path)
-    lock = path.absolute().with_name(f".{path.name}.lock")
+    place = _place(path)
+    lock = place.with_name(f".{place.name}.lock")
     with contextlib.ExitStack() as held:
         with steady():
             _hold(path, lock, held)
@@ -98,6 +114,7 @@ def _hold(path: Path, lock: Path, held: contextlib.ExitStack) -> None:
 def write_atomic(path: Path, write: Callable[[BinaryIO], None]) -> None:
     """Let `write` fill a temporary file beside `path`, then move it there: the whole file or none.
 
+    Where `path` is a symbolic link, beside what it leads to, and there: the link stays.
     Errors: CreaseError when the disk refuses. Whatever `write` raises passes through, and nothing is left behind.
     """
     write_together({path: write})
@@ -137,7 +154,7 @@ def together() -> Iterator[None]:
         with steady():
             for made, path in moves:
                 with refusals(path):
-                    made.replace(path)
+                    made.replace(_place(path))
 
 
 @contextlib.contextmanager
@@ -150,10 +167,11 @@ def refusals(path: Path) -> Iterator[None]:
 
 
 def _temporary(path: Path, write: Callable[[BinaryIO], None], begun: contextlib.ExitStack) -> Path:
-    """A file beside `path` with what `write` puts into it, taken away with `begun` where it still is."""
+    """A file beside the place of `path` with what `write` puts into it, taken away with `begun` where it still is."""
     with refusals(path):
         with steady():
-            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
+            place = _place(path)
+            handle, name = tempfile.mkstemp(prefix=f".{place.name}.", dir=place.parent)
             made = Path(name)
             begun.enter_context(undone_by(made.unlink))
             begun.callback(made.unlink, missing_ok=True)

@@ -227,7 +227,7 @@ def _watch(args: argparse.Namespace) -> None:
         raise UsageError("nothing to watch; give -i and -c, or --read, --export, --schedule")
     if args.log is not None:
         _check_suffix(args.log)
-        check_target(args.log, args.force)
+        check_target(args.log, args.force, stream=True)
     monitor = Monitor(load())
     with contextlib.ExitStack() as stack:
         bus = stack.enter_context(open_bus(args.interface, args.channel, args.bitrate))
