@@ -214,6 +214,14 @@ def test_device_file_with_a_mistake_is_refused(tmp_path: Path, content: str, tex
     assert text in said.err
 
 
+def test_device_file_that_is_no_text_is_told_so(tmp_path: Path) -> None:
+    path = tmp_path / "device.toml"
+    path.write_bytes(b"hand_mass_kg = 1.0 # \xff\n")
+    said = crease("sim", "-i", "virtual", "-c", "x", "--seconds", "0.01", "--device", path)
+    assert said.status == 1
+    assert said.err == f"error: {path}: is no text in UTF-8; save it as TOML in UTF-8\n"
+
+
 def test_operator_path_is_read_row_by_period(tmp_path: Path) -> None:
     path = tmp_path / "operator.csv"
     path.write_text("t_s,x_m,y_m,z_m,yaw_rad\n0,0,0.6,0,0\n0.01,0.01,0.6,0,0.1\n", encoding="utf-8")

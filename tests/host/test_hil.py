@@ -165,10 +165,15 @@ def test_replay_refuses_a_recording_without_a_record_or_of_another_version(
     data = run_crr.read_bytes()
     version = bytearray(data)
     version[8] = 9
+    settings, sizes = bytearray(data), bytearray(data)
+    settings[200:600] = b"\xff" * 400
+    sizes[12:24] = b"\xff" * 12
     for name, content, why in (
         ("none", data[: int(lib.CR_RECORDS_AT) + 100], "no whole record"),
         ("head", data[:500], "is cut off within its head"),
-        ("version", bytes(version), "record it again"),
+        ("version", bytes(version), "is a recording of format 9, not"),
+        ("settings", bytes(settings), "is damaged: the settings in its head are none that"),
+        ("sizes", bytes(sizes), "is damaged: its head tells other sizes than"),
     ):
         path = folder / f"{name}.crr"
         path.write_bytes(content)

@@ -116,6 +116,27 @@ def position(told: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda data: data[:3], "is no GLB: it does not begin with glTF"),
+        (lambda data: data[:12], "is cut off within its head: 12 bytes"),
+        (lambda data: data[:-1], "is cut off: it holds"),
+        (lambda data: data[:4] + b"\3" + data[5:], "is a GLB of version 3, not 2"),
+        (lambda data: data[:17] + b"X" + data[18:], "is damaged: its first chunk is no text"),
+        (lambda data: data[:22] + b"\0" + data[23:], "is damaged: its text is no JSON"),
+        (lambda data: data.replace(b'"bufferViews"', b'"nufferViews"'), "its text tells does not fit the bytes"),
+    ],
+)  # fmt: skip
+def test_a_damaged_glb_is_refused_without_words_of_the_reader(
+    tmp_path: Path, damage: Callable[[bytes], bytes], said: str
+) -> None:
+    path = glb(tmp_path / "box.glb", lambda _: None)
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(MeshError, match=f"box.glb: .*{said}.*; copy or export it again"):
+        load_mesh(path, "m")
+
+
 DRACO = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
 
 

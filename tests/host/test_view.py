@@ -277,7 +277,9 @@ def test_missing_meshes_are_named(
     said = crease("view", press_out, "--scene", bare, "-o", page)
     refuse(said, page, "bare.crs.glb", "bake it again")
     meshes_path(bare).write_bytes(b"glTF and then rubbish")
-    refuse(crease("view", press_out, "--scene", bare, "-o", page), page, "cannot be read", "bake")
+    refuse(
+        crease("view", press_out, "--scene", bare, "-o", page), page, "is a GLB of version", "bake"
+    )
 
 
 @pytest.mark.slow
@@ -322,6 +324,23 @@ def test_old_and_damaged_tables_are_refused(
     refuse(crease("view", bad, "--scene", scene_crs, "-o", page), page, "fx_N", "finite")
     np.savez(short, **{**table, "depth_m": table["depth_m"][:-1]})  # type: ignore[arg-type]
     refuse(crease("view", short, "--scene", scene_crs, "-o", page), page, "one length")
+
+
+def test_damaged_meshes_of_a_scene_are_told_in_plain_words(
+    folder: Path, scene_crs: Path, press_out: Path, crease: Run
+) -> None:
+    image, page = folder / "hurt.crs", folder / "hurt.html"
+    image.write_bytes(scene_crs.read_bytes())
+    data = meshes_path(scene_crs).read_bytes()
+    for hurt, reason in (
+        (b"", "is an empty file"),
+        (data[:1], "is no GLB"),
+        (data[:12], "is cut off within its head: 12 bytes"),
+        (data[:-1], f"is cut off: it holds {len(data) - 1:,} of {len(data):,} bytes"),
+    ):
+        meshes_path(image).write_bytes(hurt)
+        said = crease("view", press_out, "--scene", image, "-o", page)
+        refuse(said, page, f"{meshes_path(image)}: {reason}", "bake the scene again")
 
 
 def test_outputs_and_numbers_of_replays_are_checked(

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from crease.base.errors import SceneError
 from crease.base.scene import Scene, meshes_path
 from crease.base.table import describe, write_bytes
+from crease.mesh.glb import glb_lacks, unsaid
 from crease.mesh.mesh import Mesh
 
 NAMES = ("static", "tool")
@@ -64,12 +65,13 @@ def read_bodies(scene: Scene) -> tuple[Body, Body]:
             f"{path}: the meshes that bake writes beside the image cannot be read: {describe(error)}; bake it again"
         ) from error
     try:
-        loaded = trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
+        with unsaid():
+            loaded = trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
         found = [_body(loaded.geometry[name]) for name in NAMES]
         digests = [str(loaded.metadata[f"{name}_sha256"]) for name in NAMES]
     except Exception as error:  # the reader raises whatever a damaged file leads it to
         raise SceneError(
-            f"{path}: cannot be read as the meshes of a scene: {describe(error)[:120]}; bake it again"
+            f"{path}: is {glb_lacks(data)}; bake the scene again for its meshes"
         ) from error
     meta = scene.meta
     if digests != [bytes(meta.static_sha256).hex(), bytes(meta.tool_sha256).hex()]:

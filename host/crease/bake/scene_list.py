@@ -46,7 +46,7 @@ def load_specs(table: Path, meshes: Path) -> dict[str, SceneSpec]:
     try:
         entries = tomllib.loads(table.read_text(encoding="utf-8"))
         return {name: _spec(name, entry, meshes) for name, entry in entries.items()}
-    except (OSError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
         raise CreaseError(f"{table}: cannot be read as a table of scenes: {error}") from error
 
 

@@ -304,7 +304,7 @@ def load(path: Path = SOURCE) -> Dictionary:
             entries=tuple(sorted(entries, key=lambda entry: (entry.index, entry.sub))),
             raw=raw,
         )
-    except (OSError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError) as error:
         raise BusError(f"{path}: cannot be read as a dictionary: {error}") from error
 
 

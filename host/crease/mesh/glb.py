@@ -13,6 +13,8 @@ from crease.base.errors import MeshError
 
 JSON_AT = 20
 """Bytes of the two heads before the text: of the file, and of its first chunk."""
+MAGIC, VERSION, TEXT = b"glTF", 2, b"JSON"
+"""What a GLB begins with, the version that is read, and the kind of its first chunk."""
 
 HARMLESS = (
     "KHR_materials_",
@@ -34,6 +36,34 @@ MENDS = {
 """What to do about the others, where that is known."""
 FLOAT = 5126
 """componentType of single precision."""
+
+
+def glb_lacks(source: bytes) -> str:
+    """What is wrong with a GLB that its reader does not read, without the reader's own words."""
+    if len(source) < JSON_AT or not source.startswith(MAGIC):
+        return _glb_headless(source)
+    version, told, size = (int.from_bytes(source[at : at + 4], "little") for at in (4, 8, 12))
+    if version != VERSION:
+        return f"a GLB of version {version}, not {VERSION}"
+    damaged = "damaged: what its text tells does not fit the bytes that follow"
+    if len(source) < max(told, JSON_AT + size):
+        return f"cut off: it holds {len(source):,} of {max(told, JSON_AT + size):,} bytes"
+    if source[16:JSON_AT] != TEXT:
+        return "damaged: its first chunk is no text"
+    try:
+        json.loads(source[JSON_AT : JSON_AT + size])
+    except (ValueError, RecursionError):
+        damaged = "damaged: its text is no JSON"
+    return damaged
+
+
+def _glb_headless(source: bytes) -> str:
+    """The same of a file without the whole head of a GLB."""
+    if not source:
+        return "an empty file"
+    if not source.startswith(MAGIC):
+        return "no GLB: it does not begin with glTF"
+    return f"cut off within its head: {len(source)} bytes"
 
 
 def check_glb(path: Path, source: bytes) -> None:

@@ -27,7 +27,7 @@ from crease.base.settings import setting
 from crease.base.table import describe
 from crease.base.units import METRES, format_length, parse_unit
 from crease.mesh.draft import Wishes
-from crease.mesh.glb import check_glb, unsaid
+from crease.mesh.glb import check_glb, glb_lacks, unsaid
 from crease.mesh.mend import mend_surface
 from crease.mesh.polygons import WITH_POLYGONS, parse_off, unfold
 from crease.mesh.texts import STL_HEAD, STL_TRIANGLE, check_whole, is_binary_stl, stumble
@@ -279,8 +279,8 @@ def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArra
         return _parse_binary_stl(source)
     import trimesh
 
+    kind = path.suffix.lower()[1:]
     try:
-        kind = path.suffix.lower()[1:]
         if kind == "off":
             return parse_off(source.decode("latin-1"))
         if kind == "obj" and OBJ_ZERO.search(source):
@@ -296,6 +296,8 @@ def _parse_fans(path: Path, source: bytes) -> tuple[npt.NDArray[Any], npt.NDArra
     except (
         Exception
     ) as error:  # the readers of the formats raise whatever a damaged file leads them to
+        if kind == "glb":
+            raise MeshError(f"{path}: is {glb_lacks(source)}; copy or export it again") from error
         reason = stumble(path.suffix.lower(), source) or UNEXPECTED.get(
             str(error), describe(error)[:160]
         )

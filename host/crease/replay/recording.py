@@ -85,9 +85,12 @@ def load_recording(path: Path) -> Recording:
     head, config = ffi.new("cr_record_head *"), ffi.new("cr_servo_config *")
     code = _read_head(data, head, config)
     if code != lib.CR_OK:
+        version = int.from_bytes(data[len(MAGIC) : len(MAGIC) + 4], "little")
         reason = {
             lib.CR_ERR_MAGIC: "is no recording of the servo",
-            lib.CR_ERR_VERSION: f"is a recording of format {head.version or '?'}, not {lib.CR_RECORD_VERSION}",
+            lib.CR_ERR_VERSION: f"is a recording of format {version}, not {lib.CR_RECORD_VERSION}",
+            lib.CR_ERR_SIZE: "is damaged: its head tells other sizes than a recording of this format has",
+            lib.CR_ERR_CONFIG: "is damaged: the settings in its head are none that a servo takes",
         }.get(code, error_text(code))
         raise RecordingError(f"{path}: {reason}; record it again with this version")
     body = len(data) - start

@@ -147,7 +147,9 @@ def load_device(path: Path | None) -> tuple[Params, WristParams]:
         return Params(), WristParams()
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise BusError(f"{path}: is no text in UTF-8; save it as TOML in UTF-8") from error
+    except (OSError, tomllib.TOMLDecodeError) as error:
         raise BusError(f"{path}: cannot be read: {describe(error)}") from error
     axes, wrist = values.pop("axes", {}), values.pop("wrist", {})
     if not isinstance(axes, dict) or not all(isinstance(axis, dict) for axis in axes.values()):
