@@ -88,7 +88,7 @@ def test_a_sheet_thicker_than_the_mesh_is_large_is_refused(
     sheet = tmp_path / "sheet.stl"
     square = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]
     trimesh.Trimesh(square, [[0, 1, 2], [0, 2, 3]]).export(sheet)
-    line = [*bake_args(tmp_path, sheet, ball_stl)[:-1], "m", "--tool-unit", "mm", "--sheet", "1"]
+    line = [*bake_args(tmp_path, sheet, ball_stl)[:-1], "m", "--tool-unit", "mm", "--sheet", "1m"]
     said = crease(*line)
     assert said.status == 1
     assert said.err == (
@@ -148,6 +148,20 @@ def test_a_bare_number_is_in_the_unit_of_the_file(
     assert bare["bake"]["spacing_m"] == with_unit["bake"]["spacing_m"]
     assert parse_length("2", 1e-3) == pytest.approx(2e-3)
     assert parse_length("2in", 1e-3) == pytest.approx(0.0508)
+
+
+@pytest.mark.parametrize("option", ["voxel", "spacing", "sheet", "tolerance", "depth-max", "chord"])
+def test_a_bare_number_is_refused_where_the_meshes_have_two_units(
+    option: str, tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    args = [*bake_args(tmp_path, block_stl, ball_stl), "--tool-unit", "in", f"--{option}"]
+    said = crease(*args, "1.2")
+    assert (said.status, said.out) == (2, "")
+    assert said.err.startswith(
+        f"error: --{option} 1.2: the two meshes have different units; write 1.2mm or 1.2in"
+    )
+    assert said.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crease.base.errors import MeshError
+from crease.base.errors import MeshError, UsageError
 from crease.base.progress import Forecast, Progress
 from crease.base.table import bytes_writer, check_suffix, check_target, claim, write_together
-from crease.base.units import format_length
+from crease.base.units import format_length, unit_name
 from crease.verbs.common import (
     SubParsers,
     add_force,
@@ -51,13 +51,16 @@ def add_parser(sub: SubParsers) -> None:
     )
     add_unit(parser)
     parser.add_argument(
-        "--tool-unit", metavar="UNIT", type=unit, help="of TOOL, when it has another one"
+        "--tool-unit",
+        metavar="UNIT",
+        type=unit,
+        help="of TOOL, when it has another one; lengths need a unit then",
     )
     parser.add_argument(
         "--voxel",
         metavar="LENGTH",
         type=length,
-        help="side of a voxel, such as 2mm; a bare number is in --unit (default: the spacing, 1/600 of STATIC or more)",
+        help="side of a voxel, such as 2mm; bare: in --unit (default: the spacing, 1/600 of STATIC or more)",
     )
     parser.add_argument(
         "--spacing",
@@ -118,6 +121,7 @@ def run(args: argparse.Namespace) -> None:
     from crease.base.scene import meshes_path
 
     check_suffix(args.output, (".crs",))
+    check_bare(args)
     bodies = meshes_path(args.output)
     with claim(args.output):
         check_target(args.output, args.force, (args.static, args.tool))
@@ -147,6 +151,25 @@ def run(args: argparse.Namespace) -> None:
         print_json(report)
     else:
         print_report(report)
+
+
+LENGTHS = ("voxel", "spacing", "sheet", "tolerance", "depth_max", "chord")
+"""Options that are lengths."""
+
+
+def check_bare(args: argparse.Namespace) -> None:
+    """Errors: UsageError for a length without a unit where STATIC and TOOL have different ones."""
+    if args.tool_unit in (None, args.unit):
+        return
+    one, two = unit_name(args.unit), unit_name(args.tool_unit)
+    for name in LENGTHS:
+        option = getattr(args, name)
+        if option and option(1.0) != option(2.0):
+            text = f"{option(1.0):g}"
+            raise UsageError(
+                f"--{name.replace('_', '-')} {text}: the two meshes have different units; write {text}{one} or "
+                f"{text}{two}"
+            )
 
 
 TOOL_LARGER, TOOL_SMALLER = 5.0, 100.0
