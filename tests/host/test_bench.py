@@ -210,6 +210,7 @@ def test_a_program_that_does_not_compile_is_an_error(tmp_path: Path) -> None:
     "words",
     [
         ("pareto", "--search"),
+        ("pareto", "--table", "meshes/property_scenes.toml"),
         ("touched", "--responses", "way_out"),
         ("ablation", "--scenes", "bar_u"),
     ],

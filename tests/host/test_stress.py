@@ -86,6 +86,27 @@ def test_a_folder_of_another_campaign_is_told_with_what_differs(tmp_path: Path) 
             run_campaign(tmp_path, Settings(seed=1, cases=10, per_chunk=10, scenes=3))
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--cases", "10"),
+        ("--seed", "2"),
+        ("--per-chunk", "10"),
+        ("--scenes", "2"),
+        ("--shrink", "1"),
+        ("--scheduler", "tcp://127.0.0.1:1"),
+        ("--drift", "10"),
+    ],
+)
+def test_the_closed_loop_refuses_options_of_random_cases(
+    crease: Run, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    said = crease("stress", "-o", tmp_path / "out", "--closed-loop", "--quick", *words)
+    assert said.status == 2
+    assert f"error: {words[0]} is of random cases; leave it out with --closed-loop" in said.err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("words", [("--quick",), ("--tls", "here")])
 def test_options_of_another_campaign_are_refused(
     crease: Run, tmp_path: Path, words: tuple[str, ...]

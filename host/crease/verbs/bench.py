@@ -19,7 +19,9 @@ from crease.verbs.common import (
 
 NAMES = ("properties", "pareto", "precision", "scaling", "ablation", "touched")
 QUICK_EVERY, QUICK_REPEAT = 8, 3
+TABLE = Path("meshes/property_scenes.toml")
 OF = {
+    "table": ("properties",),
     "scenes": ("properties", "touched"),
     "responses": ("properties",),
     "search": ("properties",),
@@ -68,8 +70,7 @@ def add_parser(sub: SubParsers) -> None:
         "--table",
         metavar="FILE",
         type=Path,
-        default=Path("meshes/property_scenes.toml"),
-        help="properties: table of scenes (meshes/property_scenes.toml)",
+        help=f"properties: table of scenes ({TABLE})",
     )
     parser.add_argument(
         "--scenes",
@@ -122,7 +123,7 @@ def run(args: argparse.Namespace) -> None:
     setup = study.BenchSetup(
         args.meshes, args.images, out, every, repeat,
         exact=args.exact, peers=args.peers, quick=args.quick,
-        property_scenes=args.table, scenes=args.scenes, responses=args.responses, search=args.search,
+        property_scenes=args.table or TABLE, scenes=args.scenes, responses=args.responses, search=args.search,
     )  # fmt: skip
     for name in names:
         result = study.run_bench(name, setup)

@@ -13,6 +13,8 @@ from crease.verbs.common import SubParsers, add_json, number, print_json, print_
 SUMMARY = "summary.json"
 PER_CHUNK = 1000
 DRIFT_TICKS = 10_000_000
+OF_CASES = ("cases", "seed", "per_chunk", "scenes", "shrink", "scheduler", "tls", "drift")
+"""Options that --closed-loop does not heed."""
 SHOWN = 8
 """Violations that are listed on the screen; all are in summary.json."""
 
@@ -66,7 +68,7 @@ def add_parser(sub: SubParsers) -> None:
         "--quick", action="store_true", help="with --closed-loop: two responses, one loop"
     )
     add_json(parser)
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, usual={name: parser.get_default(name) for name in OF_CASES})
 
 
 def run(args: argparse.Namespace) -> None:
@@ -80,6 +82,10 @@ def run(args: argparse.Namespace) -> None:
 
     if args.quick and not args.closed_loop:
         raise UsageError("--quick is of --closed-loop; give that too, or fewer --cases")
+    for name in OF_CASES if args.closed_loop else ():
+        if getattr(args, name) != args.usual[name]:
+            option = f"--{name.replace('_', '-')}"
+            raise UsageError(f"{option} is of random cases; leave it out with --closed-loop")
     if args.tls and not args.scheduler:
         raise UsageError("--tls is of a scheduler; give --scheduler too")
     if args.closed_loop:
