@@ -252,6 +252,21 @@ def test_so_few_poses_that_nothing_is_left_are_refused(tmp_path: Path) -> None:
         setup.path("edge90_cube")
 
 
+@pytest.mark.parametrize(
+    ("name", "every", "left"),
+    [
+        ("slender", 1_000_000, "1 of the 600 poses"),
+        ("thin-and-deep", 1_000_000, "1 of the 691 poses"),
+        ("six", 500, "no pose whose exact answer is known"),
+    ],
+)
+def test_an_experiment_that_nothing_is_left_of_is_refused(
+    name: str, every: int, left: str, tmp_path: Path
+) -> None:
+    with pytest.raises(CreaseError, match=f"--every {every}: leaves {left}"):
+        run_experiment(name, setup_in(tmp_path, every=every))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_an_experiment_says_beforehand_what_it_reads(name: str, tmp_path: Path) -> None:
     assert missing_inputs([name], MESHES) == []

@@ -107,11 +107,13 @@ class Setup:
     def thinned(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Each n-th row.   Errors: CreaseError when no step is left between two."""
         left = rows[:: self.every]
-        if len(left) < 2:
-            raise CreaseError(
-                f"--every {self.every}: leaves {len(left)} of the {len(rows):,} poses of a path; take a smaller one"
-            )
+        self.check_left(len(left) >= 2, f"{len(left)} of the {len(rows):,} poses of a path")
         return left
+
+    def check_left(self, enough: bool, left: str) -> None:
+        """Errors: CreaseError, when what is left of a path is not enough."""
+        if not enough:
+            raise CreaseError(f"--every {self.every}: leaves {left}; take a smaller one")
 
     def scene(
         self,

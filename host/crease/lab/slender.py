@@ -54,10 +54,11 @@ def run(setup: Setup) -> Result:
     columns: dict[str, npt.NDArray[Any]] = {"tick": np.arange(0, TICKS, setup.every)}
     for label, (mesh, half_mm, along_mm) in TOOLS.items():
         scene = setup.scene("block45k", mesh, 2.0, 1.2)
-        path = make_path(edge_path(half_mm, along_mm, TICKS)[:: setup.every])
+        path = make_path(setup.thinned(edge_path(half_mm, along_mm, TICKS)))
         for how, skip in SKIPS.items():
             found = run_path(scene, path, ReplayOptions(skip=skip), repeat=setup.repeat)
             touching = found["areas"] > 0
+            setup.check_left(bool(touching.any()), "no pose in contact")
             median = {
                 k: float(np.median(found[k][touching]))
                 for k in ("points", "nodes", "contacts", "tick_ns")

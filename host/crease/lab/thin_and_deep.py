@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,11 +42,11 @@ class Case:
     expected_mm: F64
 
 
-def cases(every: int) -> list[Case]:
+def cases(thinned: Callable[[F64], F64] = lambda way_mm: way_mm) -> list[Case]:
     """The three, with what a body that was pushed in from one side has to feel: its whole way back."""
-    plate = np.linspace(-0.5, 34.0, 691)[::every]
-    deep = np.linspace(-0.5, 40.0, 811)[::every]
-    aside = np.linspace(0.0, 2.0, 401)[::every]
+    plate = thinned(np.linspace(-0.5, 34.0, 691))
+    deep = thinned(np.linspace(-0.5, 40.0, 811))
+    aside = thinned(np.linspace(0.0, 2.0, 401))
     zero, side = np.zeros_like, np.ones_like
     return [
         Case("plate", "Ball R 15 mm through a plate 1 mm thick", "plate", "ball15", (1.0, 1.2),
@@ -58,7 +59,7 @@ def cases(every: int) -> list[Case]:
     ]  # fmt: skip
 
 
-INPUTS = tuple(f"{mesh}.stl" for case in cases(1) for mesh in (case.static, case.tool))
+INPUTS = tuple(f"{mesh}.stl" for case in cases() for mesh in (case.static, case.tool))
 """Files of the folder of meshes."""
 
 
@@ -77,7 +78,7 @@ def run(setup: Setup) -> Result:
     )
     rows: list[tuple[object, ...]] = []
     felt: dict[str, dict[str, F64]] = {}
-    found = cases(setup.every)
+    found = cases(setup.thinned)
     for case in found:
         scene = setup.scene(case.static, case.tool, *case.sizes_mm)
         path = make_path(case.poses)
