@@ -111,6 +111,11 @@ def test_a_replay_goes_on_from_where_the_world_is(scene: crease.Scene, press_csv
     assert np.array_equal(whole.force_N, parts)
 
 
+def test_an_output_shows_a_fault(scene: crease.Scene) -> None:
+    out = crease.World(scene).tick([0.0, 0.0, 0.008, 2.0, 0.0, 0.0, 0.0])  # no unit quaternion
+    assert repr(out) == "Output(force_N=[0, 0, 0], depth_m=0, areas=0, faults=1)"
+
+
 def test_output_views_the_memory_of_the_world(scene: crease.Scene) -> None:
     world = crease.World(scene)
     out = world.tick(DEEP)
@@ -119,6 +124,7 @@ def test_output_views_the_memory_of_the_world(scene: crease.Scene) -> None:
     zones = out.areas["zones"][0][: int(out.areas["zone_count"][0])]
     assert zones["normal_world"][0] == pytest.approx([0, 0, 1], abs=1e-3)
     assert repr(out).startswith("Output(force_N=[")
+    assert repr(out).endswith("areas=1, faults=0)")
     kept = out.force_N.copy()
     world.tick(FREE)
     assert out.force_N[2] == 0.0 != kept[2]

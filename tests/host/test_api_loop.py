@@ -184,10 +184,10 @@ def test_worlds_are_reset_one_by_one(scene: crease.Scene) -> None:
     worlds = crease.Worlds(scene, 3)
     poses = np.tile(PRESSED, (3, 1))
     poses[1, 3] = 2.0  # no unit quaternion
-    worlds.step(poses)
-    assert worlds.faults.tolist() == [0, 1, 0]
+    seen = worlds.step(poses)
+    assert worlds.faults.tolist() == seen["faults"].tolist() == [0, 1, 0]
     seen = worlds.reset(np.array([False, True, False]))
-    assert worlds.faults.tolist() == [0, 0, 0]
+    assert worlds.faults.tolist() == seen["faults"].tolist() == [0, 0, 0]
     assert seen["depth_m"][1] == 0.0 < seen["depth_m"][0]
     poses[1] = PRESSED
     assert (worlds.step(poses)["force_N"][:, 2] > 1.0).all()

@@ -70,6 +70,7 @@ def test_points_lie_where_the_held_tool_touches(scene: crease.Scene) -> None:
     )
     assert out.inside_m < 2e-5
     assert repr(out).startswith("Held(force_N=[")
+    assert repr(out).endswith(", faults=0)")
 
 
 def test_a_pose_that_is_not_sane_latches_a_fault(scene: crease.Scene) -> None:

@@ -125,7 +125,8 @@ class Held:
 
     def __repr__(self) -> str:
         x, y, z = self.force_N.tolist()
-        return f"Held(force_N=[{x:.6g}, {y:.6g}, {z:.6g}], pressing={self.pressing})"
+        told = f"pressing={self.pressing}, faults={self.faults}"
+        return f"Held(force_N=[{x:.6g}, {y:.6g}, {z:.6g}], {told})"
 
 
 class Coupling:

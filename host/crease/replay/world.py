@@ -103,7 +103,8 @@ class Output:
 
     def __repr__(self) -> str:
         x, y, z = self.force_N.tolist()
-        return f"Output(force_N=[{x:.6g}, {y:.6g}, {z:.6g}], depth_m={self.depth_m:.6g}, areas={len(self.areas)})"
+        told = f"depth_m={self.depth_m:.6g}, areas={len(self.areas)}, faults={self.faults}"
+        return f"Output(force_N=[{x:.6g}, {y:.6g}, {z:.6g}], {told})"
 
 
 @dataclass(frozen=True)

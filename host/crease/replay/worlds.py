@@ -19,9 +19,9 @@ from crease.replay.replay import DEFAULT_RESPONSE, ROW
 from crease.replay.trajectory import POSE_NUMBERS
 from crease.replay.world import PERIOD_S, World
 
-F32 = npt.NDArray[np.float32]
+Observation = dict[str, npt.NDArray[Any]]
 U32 = npt.NDArray[np.uint32]
-OBSERVED = ("force_N", "torque_Nm", "depth_m", "normal")
+OBSERVED = ("force_N", "torque_Nm", "depth_m", "normal", "faults")
 """Parts of an observation."""
 
 _PARALLEL = 64
@@ -97,13 +97,14 @@ class Worlds:
         return len(self._worlds)
 
     @alone
-    def step(self, actions: npt.ArrayLike, period_s: float = PERIOD_S) -> dict[str, F32]:
+    def step(self, actions: npt.ArrayLike, period_s: float = PERIOD_S) -> Observation:
         """One tick of every world.
 
         actions: (count, 7), one pose a world: x y z in m, unit quaternion w x y z of world_from_tool.
         Output   observations by name, world frame: force_N (count, 3), torque_Nm (count, 3) about the tool origin,
-                 depth_m (count,), normal (count, 3) of the deepest area. Copies. The forces of `World.tick` to the bit.
-                 A pose that is not sane latches a fault in its world (`faults`): no force until its `reset`.
+                 depth_m (count,), normal (count, 3) of the deepest area, faults (count,) bits as `Output.faults` has
+                 them. Copies. The forces of `World.tick` to the bit. A pose that is not sane latches a fault in its
+                 world: no force until its `reset`.
         Errors   TrajectoryError for another shape.
         Cost     the ticks over the threads, and 1 us a world.
         """
@@ -130,7 +131,7 @@ class Worlds:
         return self._observe()
 
     @alone
-    def reset(self, which: npt.ArrayLike | None = None) -> dict[str, F32]:
+    def reset(self, which: npt.ArrayLike | None = None) -> Observation:
         """Back to free space, without faults. which: (count,) bool; None: all.
 
         Output   observations as of `step`: zeros where a world begins again.
@@ -145,7 +146,7 @@ class Worlds:
 
     @property
     def faults(self) -> U32:
-        """(count,) bits as `Output.faults` has them; 0: none."""
+        """(count,) bits as `Output.faults` has them; 0: none. A view; an observation has a copy."""
         view: U32 = self.rows["faults"]
         return view
 
@@ -165,5 +166,5 @@ class Worlds:
             self._worlds[i].reset()
             self._handles[i] = self._worlds[i].handle
 
-    def _observe(self) -> dict[str, F32]:
+    def _observe(self) -> Observation:
         return {name: self.rows[name].copy() for name in OBSERVED}
