@@ -64,6 +64,7 @@ def test_marked_commands_run_as_written(page: Path, work: Path) -> None:
             check=False,
         )
         assert result.returncode == 0, f"{script}\n{result.stderr}"
+        assert "[0. 0. 0.]" not in result.stdout, f"{script}\nshows no force"
 
 
 def test_every_make_target_in_the_readme_exists() -> None:
