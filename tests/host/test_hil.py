@@ -9,11 +9,13 @@ import pytest
 from crease.base.errors import LoopError
 from crease.base.native import ffi, lib
 from crease.base.scene import open_scene
+from crease.base.table import read_table
 from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table, slack_text
 from crease.loop.call import Loop as ApiLoop
 from crease.loop.hil import Loop, hand_targets, lead_in, resample, run_inprocess
 from crease.replay import recording as rec
 from crease.replay.measures import buzz_m_s2
+from crease.replay.recording import load_recording
 from crease.replay.trajectory import load_trajectory
 from host_tools import Run, write_path
 
@@ -66,6 +68,13 @@ def test_hil_renders_the_contact_without_a_fault(
         else None
     )
     assert table is None or np.isfinite(table["fx_N"]).all()
+
+
+def test_a_table_ends_with_the_last_tick_that_was_rendered(run_crr: Path, folder: Path) -> None:
+    table, rows = read_table(folder / "run.csv"), load_recording(run_crr).rows
+    assert rows["mode"][-1] == lib.CR_MODE_IDLE  # stopped after the path
+    assert set(table["mode"]) <= {lib.CR_MODE_RENDERING, lib.CR_MODE_LIMITED}
+    assert len(table["t_s"]) == 900  # one a pose
 
 
 def test_hil_gives_the_same_bytes_twice(

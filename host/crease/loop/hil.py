@@ -70,6 +70,12 @@ class LoopResult:
     syncs: int = 0
     injected: int = 0
 
+    @property
+    def along(self) -> slice:
+        """The ticks of the path, without those after it, in which the servo is idle and gives no force."""
+        busy = np.flatnonzero(self.recording.rows["mode"] != lib.CR_MODE_IDLE)
+        return slice(self.path_start, int(busy[-1]) + 1 if len(busy) else None)
+
 
 def joints_along(
     path: Trajectory, config: Any, given: Trajectory | None = None

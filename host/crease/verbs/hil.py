@@ -306,18 +306,18 @@ def _held_table(result: Any) -> dict[str, Any]:
     """Every tick of the path, with the held tool."""
     from crease.loop.handle import handle_columns
 
-    start = result.path_start
-    columns = handle_columns(result.handle[start:], result.recording.rows[start:])
-    return columns | _felt_columns(result.mechanism[start:])
+    along = result.along
+    columns = handle_columns(result.handle[along], result.recording.rows[along])
+    return columns | _felt_columns(result.mechanism[along])
 
 
 def _table(result: Any) -> dict[str, Any]:
     from crease.replay.recording import to_columns
 
-    start = result.path_start
-    columns = to_columns(result.recording.rows[start:])
+    along = result.along
+    columns = to_columns(result.recording.rows[along])
     if len(result.mechanism):
-        columns |= _felt_columns(result.mechanism[start:])
+        columns |= _felt_columns(result.mechanism[along])
     return columns
 
 
