@@ -259,18 +259,12 @@ class Loop:
         return Felt(*self._loop.drain())
 
 
-_HAND = (("mass_kg", 100.0, "kg"), ("damping_Ns_m", 1e4, "N s/m"), ("stiffness_N_m", 1e6, "N/m"))
-"""What the simulator takes for an operator (sim/mech.c): from 0 to this."""
-
-
 def _check_hand(hand: object) -> None:
-    """Errors: LoopError naming the field."""
+    """Errors: LoopError when it is none."""
     if not isinstance(hand, Hand):
         raise LoopError(
             f"hand is {hand!r:.80}; give crease.Hand(mass_kg, damping_Ns_m, stiffness_N_m)"
         )
-    for name, high, unit in _HAND:
-        check_number(f"hand: {name}", getattr(hand, name), 0.0, high, unit, LoopError)
 
 
 def _vector(value: npt.ArrayLike) -> F64:

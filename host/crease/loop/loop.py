@@ -18,6 +18,7 @@ import numpy.typing as npt
 from scipy.signal import butter, sosfilt
 from scipy.spatial.transform import Rotation
 
+from crease.base.arguments import check_number
 from crease.base.errors import LoopError
 from crease.base.native import RESPONSES, ffi, lib
 from crease.base.scene import Scene
@@ -43,16 +44,25 @@ LEAD_TICKS, SETTLE_TICKS = 2000, 1500
 """The hand swings on the guide's mass at 1 Hz: a quick lead would still be felt when the path begins."""
 
 
+_HAND = (("mass_kg", 100.0, "kg"), ("damping_Ns_m", 1e4, "N s/m"), ("stiffness_N_m", 1e6, "N/m"))
+"""What the simulator takes for an operator (sim/mech.c): from 0 to this."""
+
+
 @dataclass(frozen=True)
 class Hand:
     """The operator: a mass on spring and damper that follows its target through a low-pass of 10 Hz.
 
     mass_kg: 0 to 100; 0: nobody holds the tool. damping_Ns_m: 0 to 1e4. stiffness_N_m: 0 to 1e6.
+    Errors   LoopError naming the field that is out of range.
     """
 
     mass_kg: float
     damping_Ns_m: float
     stiffness_N_m: float
+
+    def __post_init__(self) -> None:
+        for name, high, unit in _HAND:
+            check_number(f"hand: {name}", getattr(self, name), 0.0, high, unit, LoopError)
 
 
 NORMAL_GRIP = Hand(0.8, 5.5, 300.0)
