@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -168,6 +171,15 @@ def test_names_and_titles_are_drawn_as_they_stand_and_nothing_is_said(
         said = crease("plot", *tables, "-o", tmp_path / "out.png", "--force", *more)
         assert (said.status, said.err) == (0, "")
     assert not recwarn.list
+
+
+def test_a_home_that_cannot_be_written_is_not_spoken_of(folder: Path, press_out: Path) -> None:
+    kept = {k: v for k, v in os.environ.items() if k not in ("MPLCONFIGDIR", "XDG_CONFIG_HOME")}
+    words = (sys.executable, "-m", "crease", "plot", press_out, "-o", folder / "homeless.png")
+    said = subprocess.run(
+        words, env={**kept, "HOME": "/proc/none"}, capture_output=True, text=True, check=False
+    )
+    assert (said.returncode, said.stderr) == (0, "")
 
 
 def test_one_row_is_seen(press_out: Path) -> None:
