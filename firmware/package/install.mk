@@ -68,10 +68,15 @@ install: $(INSTALLED)/lib/libcrease.a $(INSTALLED)/lib/$(SHARED) $(INSTALLED)/bi
 	@$(foreach m,$(MANUALS),$(call FILL,man/$(m),$(call MANUAL,$(m)));)
 	@echo "installed: man 3 crease; $(DATADIR)/example.c. A program that does not find libcrease.so.$(SOVERSION): ldconfig, or LD_LIBRARY_PATH=$(LIBDIR)"
 
+# What install may have made, the inner ones first; below /usr they are the system's, empty or not.
+LEFT_EMPTY = $(if $(filter /usr /usr/local,$(PREFIX)),,$(LIBDIR)/pkgconfig $(LIBDIR)/cmake $(LIBDIR) $(INCLUDEDIR) $(BINDIR) \
+    $(foreach s,1 3 8,$(MANDIR)/man$(s)) $(MANDIR) $(dir $(MANDIR)) $(dir $(DATADIR)) $(PREFIX))
+
 uninstall: ## what install put there, with the same PREFIX and DESTDIR
 	rm -rf '$(DESTDIR)$(INCLUDEDIR)/crease' '$(DESTDIR)$(LIBDIR)/cmake/crease' '$(DESTDIR)$(DATADIR)'
 	rm -f '$(DESTDIR)$(LIBDIR)'/libcrease.a '$(DESTDIR)$(LIBDIR)'/libcrease.so* '$(DESTDIR)$(LIBDIR)/pkgconfig/crease.pc' '$(DESTDIR)$(BINDIR)/creased'
 	rm -f $(foreach m,$(MANUALS),$(call MANUAL,$(m)))
+	@for folder in $(foreach f,$(LEFT_EMPTY),'$(DESTDIR)$(f)'); do rmdir "$$folder" 2>/dev/null || true; done
 
 manuals: build/.host build/gcc/creased ## write the manual pages of crease and creased anew, from what they say of themselves
 	$(PY) host/backend/manuals.py build/gcc/creased $(PACKAGE)/man

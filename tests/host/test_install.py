@@ -207,7 +207,16 @@ def test_destdir_is_only_where_files_are_put(prefix: Path, tmp_path: Path) -> No
         assert "@" not in said.replace("@VERSION_", "")
     assert "prefix=/opt/crease\n" in (packed / "lib/pkgconfig/crease.pc").read_text("utf-8")
     call(*MAKE, "uninstall", "PREFIX=/opt/crease", f"DESTDIR={tmp_path}")
-    assert [p for p in tmp_path.rglob("*") if not p.is_dir()] == []
+    assert [p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*")] == ["opt"]
+
+
+def test_uninstall_leaves_the_folders_of_others(tmp_path: Path) -> None:
+    for prefix in ("/opt/crease", "/usr/local"):
+        call(*MAKE, "install", f"PREFIX={prefix}", f"DESTDIR={tmp_path}")
+        (tmp_path / "opt/crease/bin/other").touch()
+        call(*MAKE, "uninstall", f"PREFIX={prefix}", f"DESTDIR={tmp_path}")
+    assert {p.name for p in (tmp_path / "opt/crease").rglob("*")} == {"bin", "other"}
+    assert (tmp_path / "usr/local/bin").is_dir()
 
 
 def test_a_relative_prefix_is_refused_in_one_line(tmp_path: Path) -> None:
