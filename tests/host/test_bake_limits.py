@@ -25,7 +25,7 @@ from crease.bake.planes import BrickPlanes
 from crease.bake.surface import make_surface
 from crease.bake.voxmap import _merged
 from crease.base.native import lib
-from crease.base.scene import open_image
+from crease.base.scene import open_image, open_scene
 from crease.base.units import parse_length, parse_size
 from crease.lab.setup import make_path, upright
 from crease.mesh.mesh import make_mesh
@@ -312,6 +312,30 @@ def test_noise_that_makes_creases_is_said_once() -> None:
 
 
 @pytest.mark.slow
+def test_a_mesh_far_from_its_origin_is_warned_of(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    far = tmp_path / "far.stl"
+    block = trimesh.load(block_stl)
+    block.apply_translation([0, 0, 100_000])
+    block.export(far)
+    said = "far.stl: lies up to 100 m from the origin, where positions are off by up to 5.96 um"
+    args = ("--unit", "mm", "--voxel", "2mm")
+    answer = crease(*bake_args(tmp_path, far, ball_stl), "--spacing", "2mm", "--voxel", "2mm")
+    assert answer.status == 0
+    assert said in answer.err
+    assert "over 1/1000 of a voxel of 2 mm" in answer.err
+    assert "lies up to 100 m from the origin" in crease("check", far, *args).out
+    assert "from the origin" not in crease("check", block_stl, *args).out
+
+    down_m = np.linspace(
+        [0.0, 0.0, 100.0085], [0.0, 0.0, 100.008], 2000
+    )  # in steps of a quarter micrometre
+    scene = open_scene(tmp_path / "out.crs")
+    depth_m = run_path(scene, make_path(upright(down_m)))["depth_m"].astype(np.float64)
+    assert 50 < len(np.unique(depth_m)) < 100  # the stairs that it warns of
+
+
 def test_an_image_gets_no_larger_than_wished() -> None:
     ball = trimesh.creation.icosphere(4, radius=20.0)
     mesh = make_mesh(ball.vertices, ball.faces, 1e-3, source="ball")

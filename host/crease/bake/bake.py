@@ -163,6 +163,23 @@ def noise_warning(surface: Surface, crease_angle_deg: float) -> list[str]:
     ]
 
 
+FAR_SHARE = 1e-3
+"""Of a voxel: a step of single precision that is larger is worth a warning."""
+
+
+def far_warning(mesh: Mesh, voxel_m: float) -> list[str]:
+    """What is said of a mesh so far from its origin that single precision, in which the core counts, is coarse."""
+    away_m = float(np.abs(mesh.vertices_m).max())
+    step_m = away_m * 2.0**-24
+    if step_m <= FAR_SHARE * voxel_m:
+        return []
+    return [
+        f"{mesh.source}: lies up to {format_length(away_m)} from the origin, where positions are off by up to "
+        f"{format_length(step_m)}, over 1/{1.0 / FAR_SHARE:.0f} of a voxel of {format_length(voxel_m)}: the force "
+        "comes in steps; move the mesh to the origin, and the path with it"
+    ]
+
+
 def _pairs(surface: Surface) -> npt.NDArray[Any]:
     sides = np.sort(surface.creases.patch, axis=1)
     label = np.where(surface.creases.convex, lib.CR_PAIR_CONVEX, lib.CR_PAIR_CONCAVE)
@@ -291,6 +308,8 @@ def bake_scene(
     for name, value in errors.items():
         meta[name] = value
     image = _assemble(surface, voxmap, shell, meta)
+    for mesh in (static, tool):
+        notes += far_warning(mesh, voxmap.grid.voxel_m)
     notes += noise_warning(told, options.crease_angle_deg)
     work.begin("writing")
     if not isinstance(progress, Forecast):

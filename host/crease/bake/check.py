@@ -52,6 +52,7 @@ class Findings:
     sharpest_at_m: F64 = field(default_factory=lambda: np.zeros((0, 3)))
     creases: tuple[int, int] = (0, 0)
     noise: tuple[str, ...] = ()
+    far: tuple[str, ...] = ()
 
     def report(self) -> dict[str, Any]:
         """For a program: lengths in m, places in the unit of the file."""
@@ -79,7 +80,7 @@ class Findings:
             "convex_creases": self.creases[0],
             "concave_creases": self.creases[1],
             "accepted": self.mesh is not None,
-            "bake": [*self.mesh.warnings, *self.noise] if self.mesh else [self.reason],
+            "bake": [*self.mesh.warnings, *self.far, *self.noise] if self.mesh else [self.reason],
         }
 
     def _place(self, points_m: F64) -> list[float] | None:
@@ -87,9 +88,18 @@ class Findings:
 
 
 def examine(
-    path: Path, unit_m: float, crease_angle_deg: float = 30.0, sheet_m: float | None = None
+    path: Path,
+    unit_m: float,
+    crease_angle_deg: float = 30.0,
+    sheet_m: float | None = None,
+    voxel_m: float | None = None,
 ) -> Findings:
-    """Findings of a mesh file.   Errors: MeshError when it cannot be read."""
+    """Findings of a mesh file.   voxel_m: None: the least that bake takes by itself.
+
+    Errors: MeshError when it cannot be read.
+    """
+    from crease.bake.bake import default_voxel_m, far_warning
+
     vertices, corners = read_arrays(path, unit_m)
     vertices = vertices * unit_m
     first, kind = topology.weld(vertices)
@@ -114,7 +124,8 @@ def examine(
         mesh = load_mesh(path, unit_m, sheet_m=sheet_m)
     except MeshError as error:
         return Findings(**seen, mesh=None, reason=str(error))
-    return Findings(**seen, mesh=mesh, reason="", **_of_solid(mesh, crease_angle_deg))
+    far = tuple(far_warning(mesh, voxel_m or default_voxel_m(mesh, 0.0)))
+    return Findings(**seen, mesh=mesh, reason="", far=far, **_of_solid(mesh, crease_angle_deg))
 
 
 def _loose_edges(

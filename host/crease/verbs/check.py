@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     lines: list[tuple[str, str]] = []
     for path in args.meshes:
         try:
-            one = examine(path, args.unit, args.crease_angle, sheet_m)
+            one = examine(path, args.unit, args.crease_angle, sheet_m, voxel_m)
         except MeshError as error:
             unread.append(str(error))
             lines.append(("unread", str(error)))
