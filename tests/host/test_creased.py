@@ -456,6 +456,30 @@ def test_a_scene_that_cannot_be_opened_is_told_with_its_mend_once(
         assert said.stderr.count("bake it again") == said.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("size", "reason"),
+    [
+        (0, "is an empty file"),
+        (30, "is cut off within its head, after 30 bytes"),
+        (1000, "is cut off: it holds 1000 of {size} bytes"),
+        (None, "cannot be read: No such file or directory"),
+    ],
+)
+def test_a_scene_that_is_not_there_or_cut_off_is_told_so(
+    tmp_path: Path, scene_crs: Path, size: int | None, reason: str
+) -> None:
+    device, scene = ROOT / "firmware/port/linux/device.toml", tmp_path / "cut.crs"
+    whole = scene_crs.read_bytes()
+    if size is not None:
+        scene.write_bytes(whole[:size])
+    said = subprocess.run(
+        [CREASED, "--config", device, scene], capture_output=True, text=True, check=False
+    )
+    mend = "" if size is None else "; bake it again"
+    assert said.stderr == f"error: {scene}: {reason.format(size=len(whole))}{mend}\n"
+    assert said.returncode == 2
+
+
 def test_help_lists_the_words_of_a_fault() -> None:
     said = subprocess.run([CREASED, "--help"], capture_output=True, text=True, check=True).stdout
     words = re.split(r",\s+", said.split("its error code (0x603F):\n")[1].strip().rstrip("."))

@@ -143,6 +143,9 @@ static void missing_interface_is_told(void **state) {
     char text[CAN_TEXT_MAX];
     assert_int_equal(can_open(&port, "nocan9", 1000000u, text), -1);
     assert_true(strncmp(text, "nocan9: ", 8) == 0 && strchr(text, '\n') == NULL && port.fd == -1);
+    assert_int_equal(can_open(&port, "nocan-sixteen-ab", 1000000u, text), -1);
+    assert_string_equal(text, "nocan-sixteen-ab: no such interface: a name has at most 15 letters");
+    assert_int_equal(port.fd, -1);
 }
 
 /* RTM_NEWLINK of a can interface, by hand: header 16, ifinfomsg 16, then nested attributes. */

@@ -123,6 +123,11 @@ static int give_up(can_port *port, char error[CAN_TEXT_MAX], const char *interfa
 int can_open(can_port *port, const char *interface, uint32_t bitrate, char error[CAN_TEXT_MAX]) {
     char text[CAN_TEXT_MAX - 32]; /* leaves room for the interface's name */
     memset(port, 0, sizeof *port);
+    if (strlen(interface) >= IF_NAMESIZE) { /* what is cut would be another one */
+        snprintf(error, CAN_TEXT_MAX, "%.100s: no such interface: a name has at most 15 letters", interface);
+        port->fd = -1;
+        return -1;
+    }
     port->fd = socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW);
     if (port->fd < 0) {
         snprintf(text, sizeof text, "no CAN socket: %s; the kernel needs PF_CAN", strerror(errno));

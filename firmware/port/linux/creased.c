@@ -7,6 +7,7 @@
 #define _GNU_SOURCE /* NOLINT: getopt_long */
 #include "aside.h"
 #include "can.h"
+#include "contact/image.h"
 #include "device.h"
 #include "searcher.h"
 
@@ -312,9 +313,31 @@ static int read_options(int argc, char **argv, options *opt) {
     return 0;
 }
 
+/* What is wrong with a scene that cr_scene_open refuses, and the mend. */
+static int complain_of_scene(const daemon_state *d, cr_err err) {
+    char text[512];
+    struct cr_img_header head = {.size_bytes = 0u};
+    const char *why = cr_err_text(err), *path = d->opt.scene_path;
+    memcpy(&head, d->image, d->image_bytes < sizeof head ? d->image_bytes : sizeof head);
+    if (err == CR_ERR_SIZE && d->image_bytes < sizeof head) {
+        snprintf(text, sizeof text, "%s: is cut off within its head, after %zu bytes; bake it again", path,
+                 d->image_bytes);
+    } else if (err == CR_ERR_SIZE && head.size_bytes <= d->image_bytes) {
+        snprintf(text, sizeof text, "%s: is damaged: its head tells another size; bake it again", path);
+    } else if (err == CR_ERR_SIZE) {
+        snprintf(text, sizeof text, "%s: is cut off: it holds %zu of %u bytes; bake it again", path, d->image_bytes,
+                 (unsigned)head.size_bytes);
+    } else {
+        snprintf(text, sizeof text, "%s: %s%s", path, why,
+                 strstr(why, "bake it again") == NULL ? "; bake it again" : "");
+    }
+    return complain(EXIT_USAGE, text);
+}
+
 static int load_scene(daemon_state *d) {
     char text[512];
     FILE *file = fopen(d->opt.scene_path, "rb");
+    const int why = errno;
     long size = -1;
     if (file != NULL && fseek(file, 0, SEEK_END) == 0) {
         size = ftell(file);
@@ -329,17 +352,13 @@ static int load_scene(daemon_state *d) {
         (void)fclose(file); /* read only: nothing is lost */
     }
     if (!whole) {
-        snprintf(text, sizeof text, "%s: cannot be read", d->opt.scene_path);
+        const char *what = size == 0 ? "is an empty file; bake it again" : "cannot be read";
+        snprintf(text, sizeof text, "%s: %s%s%s", d->opt.scene_path, what, file == NULL ? ": " : "",
+                 file == NULL ? strerror(why) : "");
         return complain(EXIT_USAGE, text);
     }
     cr_err err = cr_scene_open(&d->scene, d->image, d->image_bytes);
-    if (err != CR_OK) {
-        const char *why = cr_err_text(err);
-        const char *mend = strstr(why, "bake it again") == NULL ? "; bake it again" : "";
-        snprintf(text, sizeof text, "%s: %s%s", d->opt.scene_path, why, mend);
-        return complain(EXIT_USAGE, text);
-    }
-    return 0;
+    return err == CR_OK ? 0 : complain_of_scene(d, err);
 }
 
 static int make_servo(daemon_state *d) {
