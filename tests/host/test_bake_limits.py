@@ -78,7 +78,7 @@ def test_a_default_voxel_that_is_too_large_is_not_recommended(
     (line,) = [line for line in said.err.splitlines() if line.startswith("error: ")]
     assert " is larger than the mock-up (" in line
     assert "the default" not in line
-    most, such = re.search(r"\((\S+) mm\): use a smaller one, such as (\S+) mm", line).groups()
+    ((most, such),) = re.findall(r"\((\S+) mm\): use a smaller one, such as (\S+) mm", line)
     assert float(such) < float(most)
 
 
