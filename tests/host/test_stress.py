@@ -99,8 +99,9 @@ def test_a_folder_of_another_campaign_is_told_with_what_differs(tmp_path: Path) 
     ],
 )
 def test_the_closed_loop_refuses_options_of_random_cases(
-    crease: Run, tmp_path: Path, words: tuple[str, ...]
+    crease: Run, tmp_path: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("crease.verbs.stress._closed_loop", lambda _: None)
     said = crease("stress", "-o", tmp_path / "out", "--closed-loop", "--quick", *words)
     assert said.status == 2
     assert f"error: {words[0]} is of random cases; leave it out with --closed-loop" in said.err
