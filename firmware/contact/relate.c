@@ -129,7 +129,8 @@ CR_OUT_OF_LINE float above_end(const cr_scene *s, const xform *pose, const cr_wa
 }
 
 /* The relation of two zones of one piece: by the label of the crease of their patches where there is but one, else by the means, and by where the faces that are
- * touched end: what stands beyond an end, and no lower than one solid could, is another one. */
+ * touched end: what stands beyond an end, and no lower than one solid could, is another one. A convex crease goes round with two round patches, a bore and its chamfer:
+ * sides across the hole do not meet in it, and are told by their means. */
 static float meet_static(const cr_scene *s, const xform *pose, const cr_way_zones *zones, const cr_way_relations *r,
                          uint32_t a, uint32_t b, uint32_t label, uint32_t *asked) {
     const cr_way_zone *za = &zones->zones[a], *zb = &zones->zones[b];
@@ -137,7 +138,7 @@ static float meet_static(const cr_scene *s, const xform *pose, const cr_way_zone
         (za->key.surface == zb->key.surface && (za->key.surface & CR_WAY_CURVED) == 0u)) {
         return 1.0f;
     }
-    if (label == CR_PAIR_CONVEX || label == CR_PAIR_CONCAVE) {
+    if (label == CR_PAIR_CONCAVE || (label == CR_PAIR_CONVEX && za->flat + zb->flat > 0u)) {
         return label == CR_PAIR_CONVEX ? 1.0f : 0.0f;
     }
     const float ended_m = max_f(above_end(s, pose, za, r->touched[b]), above_end(s, pose, zb, r->touched[a]));
