@@ -56,8 +56,8 @@ def kicks_mm(scene: Scene, low_mm: F64, high_mm: F64, tilt_deg: float, count: in
 
 @pytest.mark.slow
 def test_a_peg_in_a_chamfered_hole_is_not_kicked() -> None:
-    """Play 0.4 mm, up to 5 degrees askew. As the crease between bore and chamfer is convex, each side of the bore and all
-    sides of the chamfer had one way out: 0.03 mm deep, the peg was pushed 0.6 mm across the hole."""
+    """Play 0.4 mm, up to 5 degrees askew. As the crease between bore and chamfer is convex, each side of the bore and
+    all sides of the chamfer had one way out: 0.03 mm deep, the peg was pushed 0.6 mm across the hole."""
     plate = box((-25, 25), (-25, 25), (-20, 0)) - cone(-21, 1, 10.2, 10.2)
     hole = plate - cone(-1.0, 0.001, 10.2, 11.2)
     scene = property_scenes.bake(hole, cone(0.0, 30.0, 10.0, 10.0), 1.0, 1.0)

@@ -7,7 +7,6 @@
 #define _GNU_SOURCE /* NOLINT: getopt_long */
 #include "aside.h"
 #include "can.h"
-#include "contact/image.h"
 #include "device.h"
 #include "searcher.h"
 
@@ -316,17 +315,9 @@ static int read_options(int argc, char **argv, options *opt) {
 /* What is wrong with a scene that cr_scene_open refuses, and the mend. */
 static int complain_of_scene(const daemon_state *d, cr_err err) {
     char text[512];
-    struct cr_img_header head = {.size_bytes = 0u};
     const char *why = cr_err_text(err), *path = d->opt.scene_path;
-    memcpy(&head, d->image, d->image_bytes < sizeof head ? d->image_bytes : sizeof head);
-    if (err == CR_ERR_SIZE && d->image_bytes < sizeof head) {
-        snprintf(text, sizeof text, "%s: is cut off within its head, after %zu bytes; bake it again", path,
-                 d->image_bytes);
-    } else if (err == CR_ERR_SIZE && head.size_bytes <= d->image_bytes) {
-        snprintf(text, sizeof text, "%s: is damaged: its head tells another size; bake it again", path);
-    } else if (err == CR_ERR_SIZE) {
-        snprintf(text, sizeof text, "%s: is cut off: it holds %zu of %u bytes; bake it again", path, d->image_bytes,
-                 (unsigned)head.size_bytes);
+    if (err == CR_ERR_SIZE) {
+        snprintf(text, sizeof text, "%s: is cut off, after %zu bytes, or damaged; bake it again", path, d->image_bytes);
     } else {
         snprintf(text, sizeof text, "%s: %s%s", path, why,
                  strstr(why, "bake it again") == NULL ? "; bake it again" : "");
