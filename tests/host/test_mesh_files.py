@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -179,6 +180,35 @@ def test_a_glb_with_extensions_that_change_nothing_is_read_in_silence(
 
     assert len(load_mesh(glb(tmp_path / "box.glb", change), "m").triangles) == 12
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("code", ["latin-1", "cp1252", "shift-jis", "utf-8"])
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off"])
+def test_a_name_or_comment_in_another_encoding_is_passed_over(
+    tmp_path: Path, ply: str, suffix: str, code: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for guesser in ("chardet", "charset_normalizer"):  # users need not have what guesses encodings
+        monkeypatch.setitem(sys.modules, guesser, None)
+    name = ("\u90e8\u54c1" if code == "shift-jis" else "Geh\u00e4use").encode(code)
+    ball = trimesh.creation.icosphere(1, radius=10.0)
+    stl = trimesh.exchange.stl.export_stl_ascii(ball).encode()
+    path = tmp_path / f"part{suffix}"
+    path.write_bytes(
+        {
+            ".stl": b"solid " + name + stl[len(b"solid") :],
+            ".obj": b"# " + name + b"\no " + name + b"\n" + ball.export(file_type="obj").encode(),
+            ".ply": ply.encode().replace(b"1.0\n", b"1.0\ncomment " + name + b"\n", 1),
+            ".off": b"OFF\n# " + name + ball.export(file_type="off").encode()[len(b"OFF") :],
+        }[suffix]
+    )
+    assert len(load_mesh(path, 1e-3).triangles) == 80
+
+
+def test_a_binary_ply_with_a_comment_in_another_encoding_is_read(tmp_path: Path) -> None:
+    data = trimesh.creation.icosphere(1, radius=10.0).export(file_type="ply")
+    path = tmp_path / "ball.ply"
+    path.write_bytes(data.replace(b" 1.0\n", b" 1.0\ncomment \xe4\n", 1))
+    assert len(load_mesh(path, 1e-3).triangles) == 80
 
 
 def test_an_stl_in_text_without_facets_has_no_triangles(tmp_path: Path) -> None:

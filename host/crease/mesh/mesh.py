@@ -206,15 +206,23 @@ def _parse_whole(
 
 
 def _plain(path: Path, source: bytes) -> bytes:
-    """Text as its readers know it: UTF-8 without a mark, and lines that end as they do here."""
+    """Text as its readers know it: UTF-8 without a mark, and lines that end as they do here.
+
+    Names and comments in another encoding lose their letters: nothing of the surface is in them.
+    """
+    if path.suffix.lower() == ".ply":
+        head, end, body = source.partition(b"end_header")
+        return head.decode(errors="replace").encode() + end + body if end else source
     if path.suffix.lower() not in (".stl", ".obj", ".off") or is_binary_stl(source):
         return source
     if source.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         source = source.decode("utf-16", errors="replace").encode()
     source = source.removeprefix(codecs.BOM_UTF8)
-    if b"\r" in source and b"\n" not in source and b"\0" not in source:
-        return source.replace(b"\r", b"\n")
-    return source
+    if b"\0" in source:
+        return source
+    if not source.isascii():
+        source = source.decode(errors="replace").encode()
+    return source if b"\n" in source else source.replace(b"\r", b"\n")
 
 
 @contextmanager
