@@ -158,6 +158,12 @@ DRACO = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITIO
          "mesh 0: accessor 1 holds normalized integers, which are not read; export it with positions as float"),
         (lambda told: position(told).pop("bufferView"),
          "mesh 0: accessor 1 has no numbers of its own; export it without compression"),
+        (lambda told: told["meshes"][0]["primitives"].append({**told["meshes"][0]["primitives"][0], "mode": 6}),
+         "mesh 0: has a fan of triangles, which is not read; export single triangles"),
+        (lambda told: told["meshes"][0].update(weights=[0.0, 0.5]),
+         "mesh 0: has a shape blended in (weights), which is not read; apply it and export again"),
+        (lambda told: told["nodes"][-1].update(weights=[1.0]),
+         "mesh 0: has a shape blended in (weights), which is not read; apply it and export again"),
     ],
 )  # fmt: skip
 def test_a_glb_whose_reader_would_read_it_wrongly_is_refused(
@@ -177,6 +183,8 @@ def test_a_glb_with_extensions_that_change_nothing_is_read_in_silence(
         told["extensionsRequired"] = ["KHR_mesh_quantization", "KHR_materials_unlit"]
         told["extensionsUsed"] = [*told["extensionsRequired"], *DRACO]
         told["meshes"][0]["primitives"][0]["extensions"] = DRACO
+        told["meshes"][0]["weights"] = [1.0]
+        told["nodes"][-1]["weights"] = [0.0]
 
     assert len(load_mesh(glb(tmp_path / "box.glb", change), "m").triangles) == 12
     assert capfd.readouterr().err == ""

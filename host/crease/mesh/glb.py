@@ -36,6 +36,8 @@ MENDS = {
 """What to do about the others, where that is known."""
 FLOAT = 5126
 """componentType of single precision."""
+FAN = 6
+"""mode of triangles round their first vertex."""
 
 
 def glb_lacks(source: bytes) -> str:
@@ -100,8 +102,16 @@ def _unreadable(told: dict[str, Any]) -> Iterator[str]:
             if name in MENDS:
                 yield f"uses the extension {name}, which is not read; {MENDS[name]}"
     accessors = told.get("accessors", ())
+    for node in nodes:
+        number = node.get("mesh")
+        if number is not None and any(
+            node.get("weights", told["meshes"][number].get("weights", ()))
+        ):
+            yield f"mesh {number}: has a shape blended in (weights), which is not read; apply it and export again"
     for number in sorted({node["mesh"] for node in nodes if "mesh" in node}):
         for primitive in told["meshes"][number]["primitives"]:
+            if primitive.get("mode") == FAN:
+                yield f"mesh {number}: has a fan of triangles, which is not read; export single triangles"
             used = (primitive["attributes"].get("POSITION"), primitive.get("indices"))
             for index in used:
                 if index is not None and (reason := _unread(accessors[index])):
