@@ -170,6 +170,16 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
              f"fault '{kind}:tick=1': {kind} needs id=, such as id=0x191: see `crease bus --schedule`", 2)
             for kind in ("drop", "delay", "duplicate", "reorder", "corrupt")
         ),
+        *(
+            (["sim", "-i", "virtual", "-c", "x", "--seconds", "0.1", "--fault", f"{kind}:tick=1,id=0x191{value}"],
+             f"{kind} by nothing is no fault; give value=, {what}, such as value=3; see", 2)
+            for kind, value, what in (
+                ("delay", "", "ticks"),
+                ("corrupt", ",value=0x100", "a byte, and 256 for each byte before it"),
+                ("babble", ",value=0", "frames a tick"),
+                ("encoder_jump", "", "counts"),
+            )
+        ),
         (["sim", "-i", "virtual", "-c", "x", *["--fault", "drop:tick=1"] * 65], "65 are too many; at most 64", 2),
         (
             ["sim", "-i", "virtual", "-c", "x", "--operator", "/nowhere.csv"],

@@ -16,6 +16,7 @@ from crease.base.table import column_names, describe, read_table
 from crease.bus.drives import (
     F64,
     FAULT_KINDS,
+    VALUES,
     Drives,
     Fault,
     Params,
@@ -70,6 +71,7 @@ def add_parser(sub: SubParsers) -> None:
         default=[],
         help=f"{', '.join(FAULT_KINDS)}; with tick, ticks, axis (X, Y, Z), id, to (drives, host), value; "
         f"{', '.join(_OF_FRAMES[:-1])} and {_OF_FRAMES[-1]} need id, such as id=0x191 (`crease bus --schedule`); "
+        f"{', '.join(list(_BY_VALUE)[:-1])} and {list(_BY_VALUE)[-1]} need value; "
         "repeatable",
     )
     add_json(parser)
@@ -78,6 +80,9 @@ def add_parser(sub: SubParsers) -> None:
 
 _OF_FRAMES = ("drop", "delay", "duplicate", "reorder", "corrupt")
 """Faults of the frames with one identifier, which has no usual value."""
+
+_BY_VALUE = {"delay": -1, "corrupt": 0xFF, "babble": -1, "encoder_jump": -1}
+"""Faults that are as large as their value says, and its bits that say so."""
 
 
 def parse_fault(text: str) -> Fault:
@@ -113,6 +118,11 @@ def parse_fault(text: str) -> Fault:
     if kind in _OF_FRAMES and "id" not in given:
         raise UsageError(
             f"fault '{text}': {kind} needs id=, such as id=0x191: see `crease bus --schedule`"
+        )
+    if kind in _BY_VALUE and fault.value & _BY_VALUE[kind] == 0:
+        what = VALUES[kind][2]
+        raise UsageError(
+            f"fault '{text}': {kind} by nothing is no fault; give value=, {what}, such as value=3"
         )
     return fault
 
