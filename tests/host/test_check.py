@@ -13,6 +13,7 @@ from crease.bake.surface import make_surface
 from crease.draw import findings
 from crease.mesh.mesh import make_mesh
 from host_tools import Run
+from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 
 
 @pytest.fixture
@@ -180,6 +181,23 @@ def test_the_picture_is_written(tmp_path: Path, plate: Path, crease: Run) -> Non
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 0
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert crease("check", plate, "--unit", "mm", "-o", picture).status == 1
+
+
+def test_the_picture_shows_the_creases_of_a_part(
+    tmp_path: Path, plate: Path, crease: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+    draw = findings._draw_one
+
+    def kept(axes: Any, one: Findings) -> None:
+        draw(axes, one)
+        drawn.extend(lines for lines in axes.collections if isinstance(lines, Line3DCollection))
+
+    monkeypatch.setattr(findings, "_draw_one", kept)
+    assert crease("check", plate, "--unit", "mm", "-o", tmp_path / "found.png").status == 0
+    (lines,) = drawn
+    sides = [np.ptp(ends, axis=0).sum() for ends in lines._segments3d]
+    assert np.sort(sides) == pytest.approx([2.0] * 4 + [60.0] * 4 + [100.0] * 4)
 
 
 def test_the_picture_names_its_axes_and_takes_any_name_of_a_file(

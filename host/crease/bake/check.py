@@ -51,6 +51,8 @@ class Findings:
     """None: no edge is over the crease angle."""
     sharpest_at_m: F64 = field(default_factory=lambda: np.zeros((0, 3)))
     creases: tuple[int, int] = (0, 0)
+    creases_m: F64 = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    """Both ends of each crease (n, 2, 3)."""
     noise: tuple[str, ...] = ()
     far: tuple[str, ...] = ()
 
@@ -158,6 +160,7 @@ def _of_solid(mesh: Mesh, crease_angle_deg: float) -> dict[str, Any]:
         if sharpest >= 0
         else np.zeros((0, 3)),
         "creases": (surface.counts["convex_edges"], surface.counts["concave_edges"]),
+        "creases_m": creases.ends_m,
         "noise": tuple(noise_warning(surface, crease_angle_deg)),
     }
 

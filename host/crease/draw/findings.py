@@ -14,6 +14,8 @@ from crease.draw.plot import plain, quiet_glyphs
 
 MARKS_MAX = 2000
 """Places of one kind that are marked."""
+LINES_MAX = 20_000
+"""Creases that are drawn."""
 
 
 def draw_findings(findings: list[Findings], path: Path) -> None:
@@ -46,6 +48,9 @@ def _draw_one(axes: Any, one: Findings) -> None:
     axes.add_collection3d(
         Poly3DCollection(one.vertices_m[shown] / unit, facecolor="#c8ccd4", alpha=0.35)
     )
+    if len(one.creases_m):
+        lines = one.creases_m[:LINES_MAX] / unit
+        axes.add_collection3d(Line3DCollection(lines, colors="#3c4048", linewidths=0.7))
     if len(one.open_edges_m):
         edges = one.open_edges_m[:MARKS_MAX] / unit
         axes.add_collection3d(Line3DCollection(edges, colors="#d62728", linewidths=1.5))
