@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,16 @@ from crease.base.scene import open_scene
 from crease.base.table import read_table
 from crease.draw.plot_loop import draw_loop, motor_force_N, recording_table, slack_text
 from crease.loop.call import Loop as ApiLoop
-from crease.loop.hil import Loop, hand_targets, lead_in, resample, run_inprocess
+from crease.loop.hil import (
+    MECHANISM,
+    Loop,
+    LoopResult,
+    describe,
+    hand_targets,
+    lead_in,
+    resample,
+    run_inprocess,
+)
 from crease.replay import recording as rec
 from crease.replay.measures import buzz_m_s2
 from crease.replay.recording import load_recording
@@ -68,6 +78,21 @@ def test_hil_renders_the_contact_without_a_fault(
         else None
     )
     assert table is None or np.isfinite(table["fx_N"]).all()
+
+
+@pytest.mark.parametrize("middle", [slice(300, 700), slice(0, 0)])
+def test_buzz_of_a_run_is_of_its_ticks_in_contact(run_crr: Path, middle: slice) -> None:
+    recording = load_recording(run_crr)
+    rows = recording.rows.copy()
+    rows["areas"] = 0
+    rows["areas"][middle] = 1
+    at = np.arange(len(rows))
+    loud = np.where((at > 200) & (at < 800), 0.1, 5.0)  # as far off as the filter smears it
+    mechanism = np.zeros(len(rows), dtype=MECHANISM)
+    mechanism["tip_acc_m_s2"][:, 0] = loud * np.sin(2.0 * np.pi * 60e-3 * at)
+    told = describe(LoopResult(replace(recording, rows=rows), mechanism, 100))["buzz_m_s2"]
+    expected = 0.1 * np.sqrt(0.5) if middle.stop else 0.0
+    assert told == pytest.approx(expected, rel=0.05)
 
 
 def test_a_table_ends_with_the_last_tick_that_was_rendered(run_crr: Path, folder: Path) -> None:

@@ -498,7 +498,8 @@ def describe(result: LoopResult) -> dict[str, object]:
     }
     if len(result.mechanism):
         along = result.mechanism[result.path_start :]
-        report["buzz_m_s2"] = buzz_m_s2(along["tip_acc_m_s2"])
+        touched = rows["areas"][result.path_start :] > 0
+        report["buzz_m_s2"] = buzz_m_s2(along["tip_acc_m_s2"], touched)
         if len(result.handle):
             report |= describe_handle(result.handle[result.path_start :])
         report["hand_force_max_N"] = float(
