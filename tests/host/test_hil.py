@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,6 +94,14 @@ def test_buzz_of_a_run_is_of_its_ticks_in_contact(run_crr: Path, middle: slice) 
     told = describe(LoopResult(replace(recording, rows=rows), mechanism, 100))["buzz_m_s2"]
     expected = 0.1 * np.sqrt(0.5) if middle.stop else 0.0
     assert told == pytest.approx(expected, rel=0.05)
+
+
+def test_a_long_title_of_a_run_is_broken_where_the_figure_ends(run_crr: Path) -> None:
+    figure: Any = draw_loop(recording_table(load_recording(run_crr)), "a run of many words " * 12)
+    figure.canvas.draw()
+    title = figure._suptitle.get_window_extent()
+    assert title.x0 >= 0.0
+    assert title.x1 <= figure.bbox.width
 
 
 def test_a_table_ends_with_the_last_tick_that_was_rendered(run_crr: Path, folder: Path) -> None:

@@ -101,7 +101,7 @@ def draw_loop(table: Table, title: str) -> Figure:
         panels[4].set_xlabel("time, s")
         panels[4].margins(x=0.01)
         figure.align_ylabels()
-        figure.suptitle(plain(title), fontsize=11, fontweight="bold")
+        figure.suptitle(plain(title), fontsize=11, fontweight="bold", wrap=True)
     return figure
 
 
