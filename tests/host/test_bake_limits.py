@@ -164,6 +164,17 @@ def test_a_bare_number_is_refused_where_the_meshes_have_two_units(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_chord_is_of_step_files(
+    tmp_path: Path, block_stl: Path, ball_stl: Path, crease: Run
+) -> None:
+    said = crease(*bake_args(tmp_path, block_stl, ball_stl), "--chord", "0.1mm")
+    assert (said.status, said.out) == (2, "")
+    assert said.err == (
+        "error: --chord is of STEP files, and neither mesh is one; leave it out; see `crease bake --help`\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(
     ("text", "size"),
     [("4GiB", 4 * 2**30), ("500MB", 500_000_000), ("1.9 MiB", 1992294)],

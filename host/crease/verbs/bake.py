@@ -122,6 +122,7 @@ def run(args: argparse.Namespace) -> None:
 
     check_suffix(args.output, (".crs",))
     check_bare(args)
+    check_chord(args)
     bodies = meshes_path(args.output)
     with claim(args.output):
         check_target(args.output, args.force, (args.static, args.tool))
@@ -170,6 +171,14 @@ def check_bare(args: argparse.Namespace) -> None:
                 f"--{name.replace('_', '-')} {text}: the two meshes have different units; write {text}{one} or "
                 f"{text}{two}"
             )
+
+
+def check_chord(args: argparse.Namespace) -> None:
+    """Errors: UsageError for --chord where neither mesh is cut from curved surfaces."""
+    from crease.mesh.mesh import STEP
+
+    if args.chord and not any(path.suffix.lower() in STEP for path in (args.static, args.tool)):
+        raise UsageError("--chord is of STEP files, and neither mesh is one; leave it out")
 
 
 TOOL_LARGER, TOOL_SMALLER = 5.0, 100.0
