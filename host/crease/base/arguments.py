@@ -34,7 +34,9 @@ def check_number(
     """`value` when it is a number from low to high.   Errors: `error` with the name, the value and the range."""
     number = _number(value)
     if not low <= number <= high:
-        raise error(f"{name} is {value!r:.80}; give a number from {low:g} to {high:g} {unit}")
+        raise error(
+            f"{name} is {value!r:.80}; give a number from {low:g} to {high:g} {unit}".rstrip()
+        )
     return number
 
 
