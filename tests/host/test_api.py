@@ -103,6 +103,16 @@ def test_poses_without_times_are_a_period_apart(scene: crease.Scene, press_csv: 
     assert not np.array_equal(with_times.force_N, slower.force_N)
 
 
+def test_a_replay_prints_its_ticks_contact_and_largest_force(scene: crease.Scene) -> None:
+    poses = np.tile([0.0, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0], (1200, 1))
+    poses[700:, 2] = 0.008  # the ball of radius 10 mm, 2 mm deep
+    felt = crease.World(scene, stiffness=1000.0).replay(poses)
+    assert re.fullmatch(r"Replay\(1,200 ticks, 500 in contact, (2|1\.9\d+) N at most\)", repr(felt))
+    assert (
+        repr(crease.World(scene).replay(poses[:3])) == "Replay(3 ticks, 0 in contact, 0 N at most)"
+    )
+
+
 def test_a_replay_goes_on_from_where_the_world_is(scene: crease.Scene, press_csv: Path) -> None:
     rows = load_trajectory(press_csv).rows[:, 1:]
     whole = crease.World(scene, damping=5.0).replay(rows)

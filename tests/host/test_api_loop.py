@@ -45,6 +45,9 @@ def test_the_loop_gives_way_and_pushes_back(scene: crease.Scene) -> None:
     assert held.areas[-1] == held.zones[-1] == 1
     assert np.linalg.norm(held.quaternion[-1]) == pytest.approx(1.0, abs=1e-6)
     assert not held.faults.any()
+    touched = int(np.count_nonzero(held.areas))
+    assert repr(held).startswith(f"Felt(1,500 ticks, {touched:,} in contact, ")
+    assert repr(held).endswith(" N at most)")
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from crease.loop.loop import NORMAL_GRIP, Hand, Setup, bring_up, servo_config, s
 from crease.replay.recording import SUFFIX, fault_names, mode_names, recording_bytes
 from crease.replay.replay import DEFAULT_RESPONSE
 from crease.replay.trajectory import POSE_NUMBERS, Trajectory, check_rows, refuse_file
+from crease.replay.world import in_words
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -33,6 +34,9 @@ class Felt:
     """Structured array (n,), `cr_record` of firmware/servo.h: everything below and more."""
     mechanism: npt.NDArray[Any] = field(repr=False)
     """Structured array (n,), `cr_lockstep_row` of host/native/lockstep.h: the simulated device, frame of its base."""
+
+    def __repr__(self) -> str:
+        return f"Felt({in_words(self.rows)})"
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -107,6 +107,12 @@ class Output:
         return f"Output(force_N=[{x:.6g}, {y:.6g}, {z:.6g}], {told})"
 
 
+def in_words(rows: npt.NDArray[Any]) -> str:
+    """A run in a few words, of rows with areas and force_N, one a tick."""
+    most_N = float(np.linalg.norm(rows["force_N"], axis=1).max(initial=0.0))
+    return f"{len(rows):,} ticks, {np.count_nonzero(rows['areas']):,} in contact, {most_N:.4g} N at most"
+
+
 @dataclass(frozen=True)
 class Replay:
     """What a path felt, one row a tick: views into one array."""
@@ -117,6 +123,9 @@ class Replay:
     """Structured array (n,), `cr_replay_row` of host/native/replay.h: everything below and more."""
     options: ReplayOptions = field(default=ReplayOptions(), repr=False)
     """Of a held tool, what it was held with: `save` keeps it, so that `crease view` can draw what holds the tool."""
+
+    def __repr__(self) -> str:
+        return f"Replay({in_words(self.rows)})"
 
     def __len__(self) -> int:
         return len(self.rows)
