@@ -353,6 +353,17 @@ def test_a_path_in_millimetres_is_asked_for_its_metres_at_its_line(
         ApiLoop(scene_crs).run(api)
 
 
+@pytest.mark.parametrize("words", [("-c", "vcan0"), ("-b", "1000000")])
+def test_what_is_of_a_bus_is_refused_without_one(
+    folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run, words: tuple[str, str]
+) -> None:
+    out = folder / "no_bus.crr"
+    said = crease("hil", scene_crs, "--operator", slow_press_csv, "-o", out, *words)
+    assert said.status == 2
+    assert said.err.startswith(f"error: {words[0]} is of a bus; give -i socketcan too")
+    assert not out.exists()
+
+
 def test_wrong_bitrate_and_missing_interface_are_told_on_one_line(
     folder: Path, scene_crs: Path, slow_press_csv: Path, crease: Run
 ) -> None:

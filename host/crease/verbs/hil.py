@@ -63,9 +63,7 @@ def add_parser(sub: SubParsers) -> None:
         default="inprocess",
         help="default: inprocess",
     )
-    parser.add_argument(
-        "-c", "--channel", metavar="NAME", default="vcan0", help="of socketcan (default: vcan0)"
-    )
+    parser.add_argument("-c", "--channel", metavar="NAME", help="of socketcan (default: vcan0)")
     parser.add_argument(
         "-b",
         "--bitrate",
@@ -160,20 +158,22 @@ def run(args: argparse.Namespace) -> int:
     handle = _handle_of(args)
     _check_outputs(args, (".csv", ".npz") if handle else (SUFFIX, ".mcap"))
     check_bitrate(args.bitrate)
+    for letter, given in (("c", args.channel), ("b", args.bitrate)):
+        if given is not None and args.interface != "socketcan":
+            raise UsageError(f"-{letter} is of a bus; give -i socketcan too, or leave it out")
+    channel = args.channel or "vcan0"
     scene, path = open_scene(args.scene), load_trajectory(args.operator)
     warn(far_centre(scene, couple_options(args)))
     if args.interface == "socketcan":
         given = [name for name in ("device", "fault", "log") if getattr(args, name)]
         if given or args.response != DEFAULT_RESPONSE:
             raise UsageError(_ELSEWHERE[(*given, "response")[0]])
-        check_channel(args.interface, args.channel)
+        check_channel(args.interface, channel)
     with together():
         if args.interface == "socketcan":
             with raising(), tempfile.TemporaryDirectory(prefix="crease-hil-") as folder:
                 record = Path(folder) / "run.crr"
-                result = run_socketcan(
-                    args.scene, scene, path, args.channel, record, args.stiffness
-                )
+                result = run_socketcan(args.scene, scene, path, channel, record, args.stiffness)
         else:
             result = _run_inprocess(args, scene, path, handle, faults)
         rows = result.recording.rows
