@@ -209,7 +209,15 @@ def test_wrong_words_get_one_clear_line(args: list[str], text: str, status: int)
     [
         ("hand_mass = 1.0", "parameter 'hand_mass' is not known"),
         ("hand_mass_kg = 'heavy'", "is not a finite number"),
-        ("hand_mass_kg = -1.0", "out of range"),
+        (
+            "rigid = 1\nhand_mass_kg = -1.0",
+            "parameter hand_mass_kg: -1.0 is out of range; see cr_sim_params",
+        ),
+        (
+            "[axes.Y]\nmass_kg = -2.0",
+            "parameter axes.Y.mass_kg: -2.0 is out of range; see cr_sim_params",
+        ),
+        ("[wrist]\npadding = 1", "parameter 'padding' is not known"),
         ("[axes.X]\nmass = 1.0", "parameter 'mass' is not known"),
         ("[axes.W]\nmass_kg = 1.0", "axis 'W' is not known"),
         ("axes = 3", "axes must be tables"),

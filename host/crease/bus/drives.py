@@ -163,7 +163,8 @@ def _assign(target: Any, name: str, value: Any) -> None:
             target[0] if ffi.typeof(target).kind == "pointer" else target
         ).fields
     ]
-    if name not in known or name == "axes":
+    known = [field for field in known if field not in ("axes", "padding")]
+    if name not in known:
         raise BusError(f"parameter '{name}' is not known; use one of {', '.join(known)}")
     numbers = value if isinstance(value, Sequence) else [value]
     if not all(isinstance(number, int | float) and math.isfinite(number) for number in numbers):

@@ -19,6 +19,7 @@ from crease.bus.drives import (
     VALUES,
     Drives,
     Fault,
+    Mech,
     Params,
     WristParams,
     fault_out_of_range,
@@ -167,9 +168,33 @@ def load_device(path: Path | None) -> tuple[Params, WristParams]:
     if not isinstance(wrist, dict):
         raise BusError(f"{path}: wrist must be a table: [wrist]")
     try:
-        return Params(axes=axes, **values), WristParams(**wrist)
+        params, motors = Params(axes=axes, **values), WristParams(**wrist)
+        if not _in_range(params):
+            raise BusError(_out_of_range(values, axes))
     except BusError as error:
         raise BusError(f"{path}: {error}") from error
+    return params, motors
+
+
+def _in_range(params: Params) -> bool:
+    try:
+        Mech(params)
+    except BusError:
+        return False
+    return True
+
+
+def _out_of_range(values: dict[str, Any], axes: dict[str, Any]) -> str:
+    """Which of the parameters is out of range by itself, the others at their default; or that some are together."""
+    where = "see cr_sim_params in sim/sim.h"
+    for name, value in values.items():
+        if not _in_range(Params(**{name: value})):
+            return f"parameter {name}: {value!r} is out of range; {where}"
+    for axis, changes in axes.items():
+        for name, value in changes.items():
+            if not _in_range(Params(axes={axis: {name: value}})):
+                return f"parameter axes.{axis}.{name}: {value!r} is out of range; {where}"
+    return f"the parameters do not go together; {where}"
 
 
 def load_params(path: Path | None) -> Params:
