@@ -479,6 +479,26 @@ def test_a_scene_that_is_not_there_or_cut_off_is_told_so(
     assert said.returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        ((), "--config is missing"),
+        (("--config", "d.toml"), "scene.crs is missing"),
+        (("--config", "d.toml", "a.crs", "b.crs"), "more than one scene.crs is given"),
+        (("--bogus", "a.crs"), "there is no option --bogus"),
+        (("--start", "--bogus=1"), "there is no option --bogus"),
+        (("--st",), "there is no option --st"),
+        (("--start", "-zy"), "there is no option -z"),
+        (("--start=now",), "--start takes no value"),
+        (("a.crs", "--config"), "--config needs a value"),
+    ],
+)
+def test_a_wrong_command_line_is_told_in_one_line(words: tuple[str, ...], error: str) -> None:
+    said = subprocess.run([CREASED, *words], capture_output=True, text=True, check=False)
+    assert (said.returncode, said.stdout) == (2, "")
+    assert said.stderr == f"error: {error}; see `creased --help`\n"
+
+
 def test_help_lists_the_words_of_a_fault() -> None:
     said = subprocess.run([CREASED, "--help"], capture_output=True, text=True, check=True).stdout
     words = re.split(r",\s+", said.split("its error code (0x603F):\n")[1].strip().rstrip("."))

@@ -209,9 +209,20 @@ static int complain(int status, const char *text) {
     "usage: creased --config device.toml [--interface NAME] [--record FILE] [--start] [--start-after S]\n"             \
     "               [--exit-on-fault] [--force] [--quiet] [--seconds S] scene.crs\n"                                   \
     "commands on standard input: start, stop, clear, quit\n"
+#define SEE_HELP "; see `creased --help`\n"
 
-static int usage(void) {
-    fprintf(stderr, USAGE "creased --help tells more\n");
+/* What getopt_long refuses: a value that is missing, or one too many, or an option that there is not. */
+static int complain_of_option(int key, const char *word) {
+    const int is_long = strncmp(word, "--", 2) == 0, length = (int)strcspn(word, "=");
+    if (key == ':') {
+        fprintf(stderr, "error: %s needs a value" SEE_HELP, word);
+    } else if (is_long && optopt == 0) {
+        fprintf(stderr, "error: there is no option %.*s" SEE_HELP, length, word);
+    } else if (is_long && word[length] == '=') {
+        fprintf(stderr, "error: %.*s takes no value" SEE_HELP, length, word);
+    } else {
+        fprintf(stderr, "error: there is no option -%c" SEE_HELP, optopt);
+    }
     return EXIT_USAGE;
 }
 
@@ -258,10 +269,12 @@ static int read_options(int argc, char **argv, options *opt) {
         {"quiet", no_argument, NULL, 'q'},        {"start-after", required_argument, NULL, 'a'},
         {"force", no_argument, NULL, 'f'},        {"help", no_argument, NULL, 'h'},
         {"version", no_argument, NULL, 'v'},      {NULL, 0, NULL, 0}};
+    static const char no_letters[] = ":"; /* and a missing value told from an option that there is not */
     int wrong = 0;
     memset(opt, 0, sizeof *opt);
-    for (int key = getopt_long(argc, argv, "", known, NULL); key != -1;
-         key = getopt_long(argc, argv, "", known, NULL)) {
+    opterr = 0; /* getopt_long says nothing by itself */
+    for (int key = getopt_long(argc, argv, no_letters, known, NULL); key != -1;
+         key = getopt_long(argc, argv, no_letters, known, NULL)) {
         switch (key) {
         case 'c':
             opt->device_path = optarg;
@@ -298,15 +311,18 @@ static int read_options(int argc, char **argv, options *opt) {
             printf("creased %d.%d.%d\n", CR_VERSION_MAJOR, CR_VERSION_MINOR, CR_VERSION_PATCH);
             exit(EXIT_DONE);
         default:
-            return usage();
+            return complain_of_option(key, argv[optind - 1]);
         }
     }
     if (wrong) {
         return complain(EXIT_USAGE, "--seconds, --start-after: a number above 0, up to 1000000");
     }
     if (opt->device_path == NULL || optind != argc - 1) {
-        fprintf(stderr, opt->device_path == NULL ? "error: --config is missing\n" : "error: one scene.crs is needed\n");
-        return usage();
+        fprintf(stderr, "error: %s" SEE_HELP,
+                opt->device_path == NULL ? "--config is missing"
+                : optind == argc         ? "scene.crs is missing"
+                                         : "more than one scene.crs is given");
+        return EXIT_USAGE;
     }
     opt->scene_path = argv[optind];
     return 0;
