@@ -218,6 +218,14 @@ def test_wrong_words_get_one_clear_line(args: list[str], text: str, status: int)
             "parameter axes.Y.mass_kg: -2.0 is out of range; see cr_sim_params",
         ),
         ("[wrist]\npadding = 1", "parameter 'padding' is not known"),
+        (
+            "[wrist]\nsubsteps = 10\npath_Hz = 0.0",
+            "device.toml: parameter wrist.path_Hz: 0.0 is out of range; see cr_sim_wrist_params",
+        ),
+        (
+            "[wrist]\ncoulomb_Nm = [0.0, 0.0, 11.0]",
+            "device.toml: parameter wrist.coulomb_Nm: [0.0, 0.0, 11.0] is out of range; see cr_sim_wrist_params",
+        ),
         ("[axes.X]\nmass = 1.0", "parameter 'mass' is not known"),
         ("[axes.W]\nmass_kg = 1.0", "axis 'W' is not known"),
         ("axes = 3", "axes must be tables"),

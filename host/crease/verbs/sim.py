@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from crease.bus.drives import (
     Fault,
     Mech,
     Params,
+    Wrist,
     WristParams,
     fault_out_of_range,
 )
@@ -169,16 +170,18 @@ def load_device(path: Path | None) -> tuple[Params, WristParams]:
         raise BusError(f"{path}: wrist must be a table: [wrist]")
     try:
         params, motors = Params(axes=axes, **values), WristParams(**wrist)
-        if not _in_range(params):
+        if not _in_range(Mech, params):
             raise BusError(_out_of_range(values, axes))
+        if not _in_range(Wrist, motors):
+            raise BusError(_wrist_out_of_range(wrist))
     except BusError as error:
         raise BusError(f"{path}: {error}") from error
     return params, motors
 
 
-def _in_range(params: Params) -> bool:
+def _in_range(make: Callable[[Any], object], params: Params | WristParams) -> bool:
     try:
-        Mech(params)
+        make(params)
     except BusError:
         return False
     return True
@@ -188,13 +191,19 @@ def _out_of_range(values: dict[str, Any], axes: dict[str, Any]) -> str:
     """Which of the parameters is out of range by itself, the others at their default; or that some are together."""
     where = "see cr_sim_params in sim/sim.h"
     for name, value in values.items():
-        if not _in_range(Params(**{name: value})):
+        if not _in_range(Mech, Params(**{name: value})):
             return f"parameter {name}: {value!r} is out of range; {where}"
     for axis, changes in axes.items():
         for name, value in changes.items():
-            if not _in_range(Params(axes={axis: {name: value}})):
+            if not _in_range(Mech, Params(axes={axis: {name: value}})):
                 return f"parameter axes.{axis}.{name}: {value!r} is out of range; {where}"
     return f"the parameters do not go together; {where}"
+
+
+def _wrist_out_of_range(values: dict[str, Any]) -> str:
+    """The same of the wrist, each of whose parameters has a range of its own."""
+    name = next(n for n, value in values.items() if not _in_range(Wrist, WristParams(**{n: value})))
+    return f"parameter wrist.{name}: {values[name]!r} is out of range; see cr_sim_wrist_params in sim/sim.h"
 
 
 def load_params(path: Path | None) -> Params:
