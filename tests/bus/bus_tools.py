@@ -122,9 +122,13 @@ def _sim_process(faults: Sequence[Fault]) -> Iterator[subprocess.Popen[bytes]]:
     """`crease sim` on vcan0, ended when the block ends."""
     options: list[str] = []
     for f in faults:
-        to = "drives" if f.to_drives else "host"
-        text = f"{f.kind}:tick={f.tick},ticks={f.ticks},id={f.id},to={to},value={f.value}"
-        options += ["--fault", text if f.axis is None else f"{text},axis={'XYZ'[f.axis]}"]
+        text = f"{f.kind}:tick={f.tick}"
+        text += f",ticks={f.ticks}" if f.ticks != 1 else ""
+        text += "" if f.axis is None else f",axis={'XYZ'[f.axis]}"
+        text += f",id={f.id}" if f.id else ""
+        text += ",to=drives" if f.to_drives else ""
+        text += f",value={f.value}" if f.value else ""
+        options += ["--fault", text]
     command = [
         sys.executable,
         "-m",

@@ -168,16 +168,27 @@ def test_bus_exports_files_and_prints_the_schedule(tmp_path: Path) -> None:
         *(
             (["sim", "-i", "virtual", "-c", "x", "--seconds", "0.1", "--fault", f"{kind}:tick=1"],
              f"fault '{kind}:tick=1': {kind} needs id=, such as id=0x191: see `crease bus --schedule`", 2)
-            for kind in ("drop", "delay", "duplicate", "reorder", "corrupt")
+            for kind in ("drop", "delay", "duplicate", "reorder", "corrupt", "babble")
         ),
         *(
-            (["sim", "-i", "virtual", "-c", "x", "--seconds", "0.1", "--fault", f"{kind}:tick=1,id=0x191{value}"],
+            (["sim", "-i", "virtual", "-c", "x", "--seconds", "0.1", "--fault", f"{kind}:tick=1{value}"],
              f"{kind} by nothing is no fault; give value=, {what}, such as value=3; see", 2)
             for kind, value, what in (
-                ("delay", "", "ticks"),
-                ("corrupt", ",value=0x100", "a byte, and 256 for each byte before it"),
-                ("babble", ",value=0", "frames a tick"),
+                ("delay", ",id=0x191", "ticks"),
+                ("corrupt", ",id=0x191,value=0x100", "a byte, and 256 for each byte before it"),
+                ("babble", ",id=0x191,value=0", "frames a tick"),
                 ("encoder_jump", "", "counts"),
+            )
+        ),
+        *(
+            (["sim", "-i", "virtual", "-c", "x", "--seconds", "0.1", "--fault", f"{kind}:tick=1,{part}"],
+             f"fault '{kind}:tick=1,{part}': {kind} has no {name}; leave it out; see", 2)
+            for kind, part, name in (
+                ("silent", "id=0x191", "id"),
+                ("encoder_jump", "value=3,id=0x191", "id"),
+                ("drop", "id=0x191,value=3", "value"),
+                ("babble", "id=0x191,to=host,value=3", "to"),
+                ("drive_reset", "ticks=3", "ticks"),
             )
         ),
         (["sim", "-i", "virtual", "-c", "x", *["--fault", "drop:tick=1"] * 65], "65 are too many; at most 64", 2),

@@ -80,23 +80,37 @@ def add_parser(sub: SubParsers) -> None:
     parser.set_defaults(run=run)
 
 
-_OF_FRAMES = ("drop", "delay", "duplicate", "reorder", "corrupt")
+_OF_PASSING = ("drop", "delay", "duplicate", "reorder", "corrupt")
+"""Faults of frames on their way, to the drives or to the host."""
+
+_OF_FRAMES = (*_OF_PASSING, "babble")
 """Faults of the frames with one identifier, which has no usual value."""
 
 _BY_VALUE = {"delay": -1, "corrupt": 0xFF, "babble": -1, "encoder_jump": -1}
 """Faults that are as large as their value says, and its bits that say so."""
+
+_AT_ONCE = ("encoder_jump", "drive_reset", "drive_error")
+"""Faults that come in one tick."""
+
+_OF = {
+    "id": _OF_FRAMES,
+    "to": _OF_PASSING,
+    "value": tuple(VALUES),
+    "ticks": tuple(kind for kind in FAULT_KINDS if kind not in _AT_ONCE),
+}
+"""Parts of a fault that not every kind has, and the kinds that have them."""
 
 
 def parse_fault(text: str) -> Fault:
     """`drop:tick=100,ticks=3,id=0x191,to=host` as a row of the fault table.   Errors: UsageError."""
     kind, _, rest = text.partition(":")
     values: dict[str, Any] = {}
-    given: set[str] = set()
+    given: list[str] = []
     for part in filter(None, rest.split(",")):
         name, equals, value = part.partition("=")
         if name in given:
             raise UsageError(f"fault '{text}': {name} is given twice")
-        given.add(name)
+        given.append(name)
         try:
             if name == "axis" and value in ("X", "Y", "Z"):
                 values["axis"] = "XYZ".index(value)
@@ -117,6 +131,8 @@ def parse_fault(text: str) -> Fault:
     fault = Fault(kind=kind, **values)
     if wrong := fault_out_of_range(fault):
         raise UsageError(f"fault '{text}': {wrong}")
+    if idle := [name for name in given if kind not in _OF.get(name, (kind,))]:
+        raise UsageError(f"fault '{text}': {kind} has no {idle[0]}; leave it out")
     if kind in _OF_FRAMES and "id" not in given:
         raise UsageError(
             f"fault '{text}': {kind} needs id=, such as id=0x191: see `crease bus --schedule`"
