@@ -224,6 +224,28 @@ def test_an_option_that_a_study_does_not_heed_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("properties", "--scenes", "bogus"), "bogus"),
+        (("properties", "--table", "none.toml"), "none.toml"),
+        (("touched", "--scenes", "bogus"), "bogus"),
+    ],
+)
+def test_what_is_refused_late_leaves_no_folder(
+    crease: Run, tmp_path: Path, words: tuple[str, ...], why: str
+) -> None:
+    folders = ("--meshes", ROOT / "build/meshes", "--images", ROOT / "build/scenes")
+    said = crease("bench", *words, "-o", tmp_path / "new" / "out", *folders)
+    assert said.status == 1
+    assert said.err.startswith("error: ")
+    assert why in said.err
+    assert not (tmp_path / "new").exists()
+    tmp_path.joinpath("out").mkdir()
+    assert crease("bench", *words, "-o", tmp_path / "out", *folders).status == 1
+    assert (tmp_path / "out").is_dir()  # it was there before
+
+
 @pytest.mark.parametrize("name", ["pareto", "precision", "ablation"])
 def test_missing_meshes_are_one_line_and_leave_nothing(
     crease: Run, tmp_path: Path, name: str

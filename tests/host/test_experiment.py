@@ -246,6 +246,16 @@ def test_command_line_says_what_is_wrong(crease: Run, tmp_path: Path) -> None:
     assert crease("experiment", "timing", "-o", tmp_path / "x", "--every", "0").status == 2
 
 
+def test_too_large_a_step_leaves_no_folder(crease: Run, tmp_path: Path) -> None:
+    said = crease(
+        "experiment", "slender", "-o", tmp_path / "out", "--every", "1000000",
+        "--meshes", MESHES, "--images", IMAGES,
+    )  # fmt: skip
+    assert said.status == 1
+    assert "--every 1000000: leaves 1 of the 600 poses" in said.err
+    assert not (tmp_path / "out").exists()
+
+
 def test_so_few_poses_that_nothing_is_left_are_refused(tmp_path: Path) -> None:
     setup = Setup(MESHES, IMAGES, tmp_path, every=1_000_000)
     with pytest.raises(CreaseError, match="--every 1000000: leaves 1 of the 1,992 poses"):

@@ -53,8 +53,8 @@ def run(setup: Setup) -> Result:
     rows: list[tuple[object, ...]] = []
     columns: dict[str, npt.NDArray[Any]] = {"tick": np.arange(0, TICKS, setup.every)}
     for label, (mesh, half_mm, along_mm) in TOOLS.items():
-        scene = setup.scene("block45k", mesh, 2.0, 1.2)
         path = make_path(setup.thinned(edge_path(half_mm, along_mm, TICKS)))
+        scene = setup.scene("block45k", mesh, 2.0, 1.2)
         for how, skip in SKIPS.items():
             found = run_path(scene, path, ReplayOptions(skip=skip), repeat=setup.repeat)
             touching = found["areas"] > 0

@@ -13,7 +13,7 @@ from crease.verbs.common import (
     add_inputs,
     check_folder,
     check_inputs,
-    make_folder,
+    made_folder,
     whole,
 )
 
@@ -118,16 +118,16 @@ def run(args: argparse.Namespace) -> None:
     # The meshes of scaling are made on the way, the images of properties too.
     if names not in (("scaling",), ("properties",)):
         check_inputs(args)
-    make_folder(out)
     every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
     setup = study.BenchSetup(
         args.meshes, args.images, out, every, repeat,
         exact=args.exact, peers=args.peers, quick=args.quick,
         property_scenes=args.table or TABLE, scenes=args.scenes, responses=args.responses, search=args.search,
     )  # fmt: skip
-    for name in names:
-        result = study.run_bench(name, setup)
-        text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
-        text = f"{result.title}\n\n{result.about}\n\n{text}\n"
-        print(text, flush=True)
-        write_bytes(out / f"{name}.txt", text.encode())
+    with made_folder(out):
+        for name in names:
+            result = study.run_bench(name, setup)
+            text = "\n\n".join([*(text_table(t) for t in result.tables), *result.found])
+            text = f"{result.title}\n\n{result.about}\n\n{text}\n"
+            print(text, flush=True)
+            write_bytes(out / f"{name}.txt", text.encode())

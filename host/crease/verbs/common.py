@@ -6,7 +6,8 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -237,12 +238,24 @@ def check_folder(out: Path) -> None:
         raise CreaseError(f"{out}: is a file; name a folder")
 
 
-def make_folder(out: Path) -> None:
-    """The folder for outputs.   Errors: CreaseError when it cannot be made."""
+@contextmanager
+def made_folder(out: Path) -> Iterator[None]:
+    """The folder for outputs. What is made for it and still empty at an error goes again.
+
+    Errors: CreaseError when it cannot be made.
+    """
+    missing = [path for path in (out, *out.parents) if not path.exists()]
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CreaseError(f"{out}: cannot be made: {error.strerror}") from error
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for path in missing:
+                path.rmdir()
+        raise
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -15,7 +15,7 @@ from crease.verbs.common import (
     add_inputs,
     check_folder,
     check_inputs,
-    make_folder,
+    made_folder,
     warn,
     whole,
 )
@@ -56,9 +56,6 @@ def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError when a mesh is missing, the folder holds something and --force is not given, or one of
     all the experiments fails: the others run, and the page says what is missing.
     """
-    from crease.base.table import write_bytes
-    from crease.lab.report import make_report, text_table
-
     out: Path = args.output
     names = NAMES if args.name == "all" else (args.name,)
     check_folder(out)
@@ -68,7 +65,15 @@ def run(args: argparse.Namespace) -> None:
         )
     check_inputs(args)
     check_files(names, args.meshes)
-    make_folder(out)
+    with made_folder(out):
+        _run_all(args, names)
+
+
+def _run_all(args: argparse.Namespace, names: Sequence[str]) -> None:
+    from crease.base.table import write_bytes
+    from crease.lab.report import make_report, text_table
+
+    out: Path = args.output
     setup = Setup(args.meshes, args.images, out, args.every, args.repeat)
     results: list[Result] = []
     missing = dict.fromkeys(names, "has not run")
