@@ -219,6 +219,16 @@ def test_a_binary_ply_with_a_comment_in_another_encoding_is_read(tmp_path: Path)
     assert len(load_mesh(path, 1e-3).triangles) == 80
 
 
+@pytest.mark.parametrize(("before", "after"), [("", " \n" * 1500), ("\n" * 3000, "")])
+def test_blanks_round_an_stl_in_text_are_passed_over(
+    tmp_path: Path, before: str, after: str
+) -> None:
+    path = tmp_path / "box.stl"
+    text = trimesh.exchange.stl.export_stl_ascii(trimesh.creation.box())
+    path.write_text(f"{before}{text}{after}", encoding="ascii")
+    assert len(load_mesh(path, "m").triangles) == 12
+
+
 def test_an_stl_in_text_without_facets_has_no_triangles(tmp_path: Path) -> None:
     said = refusal(tmp_path / "a.stl", "solid a\nendsolid a\n")
     assert said == "has no triangles; export the surface, not points or curves"

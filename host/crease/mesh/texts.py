@@ -52,9 +52,9 @@ def _stl_lacks(source: bytes) -> str:
     """What of an STL is not there, empty when all is."""
     if is_binary_stl(source):
         return ""
-    start = source[:2000].lstrip().lower()
+    start = source.lstrip()[:2000].lower()
     if start.startswith(b"solid") and b"facet" in start:
-        whole = b"endsolid" in source[-2000:].lower()
+        whole = b"endsolid" in source.rstrip()[-2000:].lower()
         return "" if whole else "cut off: it does not end with endsolid"
     if len(source) < STL_HEAD:
         return f"cut off: {len(source)} bytes are less than the head of an STL"
