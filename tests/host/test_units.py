@@ -42,9 +42,16 @@ def test_any_positive_number_with_any_unit_parses(number: float, unit: str) -> N
     assert math.isclose(parse_length(f"{number!r}{unit}"), number * METRES[unit], rel_tol=1e-12)
 
 
-@given(st.floats(1e-8, 50.0))
+@given(st.floats(1e-12, 50.0))
 def test_formatted_length_reads_back_within_its_three_digits(length_m: float) -> None:
     assert parse_length(format_length(length_m)) == pytest.approx(length_m, rel=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("length_m", "text"), [(1e-12, "0.001 nm"), (-2.5e-10, "-0.25 nm"), (1e-9, "0.001 um")]
+)
+def test_less_than_a_nanometre_is_told_without_a_power_of_ten(length_m: float, text: str) -> None:
+    assert format_length(length_m) == text
 
 
 def test_kilometres_are_told_in_full() -> None:

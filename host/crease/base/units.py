@@ -117,7 +117,9 @@ def format_length(length_m: float) -> str:
         return f"{length_m:.3g} m"
     if size_m >= 1e-3:
         return f"{length_m * 1e3:.3g} mm"
-    return f"{length_m * 1e6:.3g} um"
+    if size_m >= 1e-9:
+        return f"{length_m * 1e6:.3g} um"
+    return f"{length_m * 1e9:.3g} nm"
 
 
 def format_place(place: Iterable[float], size: float) -> str:
