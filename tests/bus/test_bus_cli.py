@@ -371,6 +371,35 @@ def test_a_log_that_is_none_is_told_by_its_line(tmp_path: Path) -> None:
     assert said.err.count("\n") == 1
 
 
+@pytest.mark.parametrize("cut", ["(1.6) vca", "(1.6) vcan0 191#0", "(1.6) vcan0 191#0011"])
+def test_a_last_line_that_is_cut_off_is_left_out_with_a_warning(tmp_path: Path, cut: str) -> None:
+    path = tmp_path / "a.log"
+    path.write_text(f"(1.4) vcan0 080#\n\n(1.5) vcan0 191#{'00' * 8}\n{cut}", encoding="ascii")
+    said = crease("bus", "--read", path, "--json")
+    assert said.status == 0
+    assert (
+        said.err == f"warning: {path}: line 4, the last, does not end: it is cut off and left out\n"
+    )
+    frames = json.loads(said.out)["frames"]
+    assert {cob: (row["count"], row["malformed"]) for cob, row in frames.items()} == {
+        "0x080": (1, 0),
+        "0x191": (1, 0),
+    }
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc"])
+def test_a_log_without_a_frame_is_an_error(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text(
+        "\n" if suffix == ".log" else "base hex  timestamps absolute\n", encoding="ascii"
+    )
+    said = crease("bus", "--read", path)
+    assert (said.status, said.out) == (1, "")
+    assert said.err == (
+        f"error: {path}: holds no whole frame; record it with `candump -L` or `crease bus -o`\n"
+    )
+
+
 def test_a_bus_that_cannot_be_opened_is_one_line_without_those_of_its_library() -> None:
     words = [sys.executable, "-m", "crease", "sim", "-i", "udp_multicast", "-c", "1.2"]
     said = subprocess.run(words, capture_output=True, text=True, check=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import re
 import sys
 import time
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from crease.base.ending import raising
 from crease.base.errors import BusError, UsageError
-from crease.verbs.common import SubParsers, add_force, add_json, number, print_json
+from crease.verbs.common import SubParsers, add_force, add_json, number, print_json, warn
 
 if TYPE_CHECKING:
     import can
@@ -177,28 +178,42 @@ def _read(args: argparse.Namespace) -> None:
     if not args.read.is_file():
         raise BusError(f"{args.read}: there is no such file")
     monitor = Monitor(load())
-    if args.read.suffix.lower() == ".log":
-        _check_candump(args.read)
+    whole = _check_candump(args.read) if args.read.suffix.lower() == ".log" else None
     try:
-        for message in can.LogReader(args.read):
+        for message in itertools.islice(can.LogReader(args.read), whole):
             monitor.feed(message)
     except Exception as error:  # every reader of python-can raises its own kinds
         raise BusError(f"{args.read}: cannot be read: {' '.join(str(error).split())}") from error
+    if not monitor.rows and monitor.errors == 0:
+        raise BusError(
+            f"{args.read}: holds no whole frame; record it with `candump -L` or `crease bus -o`"
+        )
     _show(args, monitor)
 
 
 _CANDUMP = re.compile(rb"\s*\([\d.]+\)\s+\S+\s+[0-9A-Fa-f]+#\S*(\s+[RT])?\s*")
 
 
-def _check_candump(path: Path) -> None:
-    """Errors: BusError naming the first line that candump would not write."""
+def _check_candump(path: Path) -> int:
+    """How many frames there are; a last line that does not end is left out, with a warning.
+
+    Errors: BusError naming the first line that candump would not write.
+    """
+    count = 0
     with path.open("rb") as file:
         for number, line in enumerate(file, start=1):
-            if line.strip() and not _CANDUMP.fullmatch(line):
+            if not line.strip():
+                continue
+            if not line.endswith(b"\n"):
+                warn([f"{path}: line {number}, the last, does not end: it is cut off and left out"])
+                break
+            count += 1
+            if not _CANDUMP.fullmatch(line):
                 raise BusError(
                     f"{path}: line {number} is no candump line, (TIME) CHANNEL ID#DATA; record it with `candump -L` or "
                     "`crease bus -o`"
                 )
+    return count
 
 
 def _check_suffix(path: Path) -> None:
