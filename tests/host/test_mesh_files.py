@@ -162,6 +162,8 @@ DRACO = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITIO
          "mesh 0: has a fan of triangles, which is not read; export single triangles"),
         (lambda told: told["meshes"][0].update(weights=[0.0, 0.5]),
          "mesh 0: has a shape blended in (weights), which is not read; apply it and export again"),
+        (lambda told: told["nodes"][-1].update(skin=0),
+         "mesh 0: is moved by bones (skin), which are not read; apply them and export again"),
         (lambda told: told["nodes"][-1].update(weights=[1.0]),
          "mesh 0: has a shape blended in (weights), which is not read; apply it and export again"),
     ],
@@ -185,6 +187,7 @@ def test_a_glb_with_extensions_that_change_nothing_is_read_in_silence(
         told["meshes"][0]["primitives"][0]["extensions"] = DRACO
         told["meshes"][0]["weights"] = [1.0]
         told["nodes"][-1]["weights"] = [0.0]
+        told["skins"] = [{"joints": [0]}]  # of no mesh
 
     assert len(load_mesh(glb(tmp_path / "box.glb", change), "m").triangles) == 12
     assert capfd.readouterr().err == ""

@@ -98,16 +98,8 @@ def _unreadable(told: dict[str, Any]) -> Iterator[str]:
             yield f"needs the extension {name}, which is not read; {MENDS.get(name, 'export it without')}"
     nodes = told.get("nodes", ())
     for node in nodes:
-        for name in node.get("extensions", ()):
-            if name in MENDS:
-                yield f"uses the extension {name}, which is not read; {MENDS[name]}"
+        yield from _unread_node(told, node)
     accessors = told.get("accessors", ())
-    for node in nodes:
-        number = node.get("mesh")
-        if number is not None and any(
-            node.get("weights", told["meshes"][number].get("weights", ()))
-        ):
-            yield f"mesh {number}: has a shape blended in (weights), which is not read; apply it and export again"
     for number in sorted({node["mesh"] for node in nodes if "mesh" in node}):
         for primitive in told["meshes"][number]["primitives"]:
             if primitive.get("mode") == FAN:
@@ -116,6 +108,20 @@ def _unreadable(told: dict[str, Any]) -> Iterator[str]:
             for index in used:
                 if index is not None and (reason := _unread(accessors[index])):
                     yield f"mesh {number}: accessor {index} {reason}"
+
+
+def _unread_node(told: dict[str, Any], node: dict[str, Any]) -> Iterator[str]:
+    """The same of one node: what would make another mesh of it, or put it elsewhere."""
+    for name in node.get("extensions", ()):
+        if name in MENDS:
+            yield f"uses the extension {name}, which is not read; {MENDS[name]}"
+    number = node.get("mesh")
+    if number is None:
+        return
+    if any(node.get("weights", told["meshes"][number].get("weights", ()))):
+        yield f"mesh {number}: has a shape blended in (weights), which is not read; apply it and export again"
+    if "skin" in node:
+        yield f"mesh {number}: is moved by bones (skin), which are not read; apply them and export again"
 
 
 def _unread(accessor: dict[str, Any]) -> str:
