@@ -75,6 +75,18 @@ def test_every_response_and_coverage_pushes_out(
         assert rows["force_N"][399, 2] > 0.1
 
 
+def test_god_object_says_where_it_is_silent(
+    folder: Path, scene_crs: Path, press_csv: Path, crease: Run
+) -> None:
+    for response, warned in (("god_object", True), ("sphere_proxy", False)):
+        words = ("-o", folder / f"point_{response}.csv", "--response", response)
+        said = crease("replay", scene_crs, press_csv, *words)
+        assert said.status == 0
+        assert (
+            "no force in 300 of 300 ticks in which the tool touches; it feels" in said.err
+        ) == warned
+
+
 def test_stiffness_scales_the_force(scene_crs: Path, press_csv: Path) -> None:
     scene, path = open_scene(scene_crs), load_trajectory(press_csv)
     soft = run_path(scene, path, ReplayOptions(stiffness_N_m=500.0))

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from crease.base.errors import UsageError
 from crease.base.native import COVERAGES, RESPONSES, SKIPS, lib, skip_mask
@@ -211,6 +212,20 @@ def _far_away(scene: Scene, path: Trajectory) -> list[str]:
     ]
 
 
+def _point_only(
+    response: str, contacts: npt.NDArray[np.uint32], force_N: npt.NDArray[np.floating]
+) -> list[str]:
+    """A warning where god_object is silent in contact: it feels with a point, not with the tool."""
+    touching = contacts > 0
+    silent = int(np.count_nonzero(touching & (force_N == 0.0)))
+    if response != "god_object" or silent == 0:
+        return []
+    return [
+        f"--response {response}: no force in {silent} of {np.count_nonzero(touching)} ticks in which the tool touches; "
+        "it feels with one point, the tool's origin, and not with its shape"
+    ]
+
+
 def run(args: argparse.Namespace) -> None:
     """Errors: CreaseError for a bad scene, a bad row, or an output that cannot be written."""
     couple = _couple_of(args)
@@ -270,6 +285,7 @@ def run(args: argparse.Namespace) -> None:
         warnings.append(
             f"{late} of {len(path)} ticks answer an earlier pose, up to {oldest} ticks old"
         )
+    warnings += _point_only(args.response, rows["contacts"], force_N)
     if not rows["contacts"].any():
         warnings += _far_away(scene, path)
     warn(warnings)
