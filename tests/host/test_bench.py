@@ -213,6 +213,7 @@ def test_a_program_that_does_not_compile_is_an_error(tmp_path: Path) -> None:
         ("pareto", "--table", "meshes/property_scenes.toml"),
         ("touched", "--responses", "way_out"),
         ("ablation", "--scenes", "bar_u"),
+        ("touched", "--repeat", "5"),
     ],
 )
 def test_an_option_that_a_study_does_not_heed_is_refused(
@@ -221,6 +222,13 @@ def test_an_option_that_a_study_does_not_heed_is_refused(
     said = crease("bench", *words, "-o", tmp_path / "out")
     assert said.status == 2
     assert f"error: {words[1]} is of properties" in said.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_quick_study_has_its_own_number_of_runs(crease: Run, tmp_path: Path) -> None:
+    said = crease("bench", "ablation", "--quick", "--repeat", "5", "-o", tmp_path / "out")
+    assert (said.status, said.err.count("\n")) == (2, 1)
+    assert "--quick: times are the least of 3 runs; leave out --repeat, or --quick" in said.err
     assert not (tmp_path / "out").exists()
 
 

@@ -19,6 +19,7 @@ from crease.verbs.common import (
 
 NAMES = ("properties", "pareto", "precision", "scaling", "ablation", "touched")
 QUICK_EVERY, QUICK_REPEAT = 8, 3
+REPEAT = 20
 TABLE = Path("meshes/property_scenes.toml")
 OF = {
     "table": ("properties",),
@@ -26,6 +27,7 @@ OF = {
     "responses": ("properties",),
     "search": ("properties",),
     "peers": ("properties", "pareto"),
+    "repeat": tuple(name for name in NAMES if name != "touched"),
 }
 """Options that not every study heeds."""
 
@@ -64,7 +66,10 @@ def add_parser(sub: SubParsers) -> None:
         help="of rival libraries: points, from `make bench-peers`; properties: folder of answers",
     )
     parser.add_argument(
-        "--repeat", metavar="N", type=whole, default=20, help="times are the least of N runs (20)"
+        "--repeat",
+        metavar="N",
+        type=whole,
+        help=f"times are the least of N runs ({REPEAT}); not with --quick, which has {QUICK_REPEAT}",
     )
     parser.add_argument(
         "--table",
@@ -105,9 +110,12 @@ def run(args: argparse.Namespace) -> None:
 
     for option, studies in OF.items():
         if getattr(args, option) and args.name not in (*studies, "all"):
-            raise UsageError(
-                f"--{option} is of {' and '.join(studies)}; leave it out of {args.name}"
-            )
+            listed = " and ".join(filter(None, [", ".join(studies[:-1]), studies[-1]]))
+            raise UsageError(f"--{option} is of {listed}; leave it out of {args.name}")
+    if args.quick and args.repeat:
+        raise UsageError(
+            f"--quick: times are the least of {QUICK_REPEAT} runs; leave out --repeat, or --quick"
+        )
     study = from_tree("bench", "study.run")
     out: Path = args.output
     check_folder(out)
@@ -118,7 +126,7 @@ def run(args: argparse.Namespace) -> None:
     # The meshes of scaling are made on the way, the images of properties too.
     if names not in (("scaling",), ("properties",)):
         check_inputs(args)
-    every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat)
+    every, repeat = (QUICK_EVERY, QUICK_REPEAT) if args.quick else (1, args.repeat or REPEAT)
     setup = study.BenchSetup(
         args.meshes, args.images, out, every, repeat,
         exact=args.exact, peers=args.peers, quick=args.quick,
