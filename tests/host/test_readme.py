@@ -65,6 +65,11 @@ def test_marked_commands_run_as_written(page: Path, work: Path) -> None:
         )
         assert result.returncode == 0, f"{script}\n{result.stderr}"
         assert "[0. 0. 0.]" not in result.stdout, f"{script}\nshows no force"
+        for warning in re.findall(r"\d+ of \d+ ticks left out contact", result.stderr):
+            told = page.read_text("utf-8")
+            assert warning in told or "| ticks left out contact |" in told, (
+                f"{script}\nwarns, and the page does not say so: {warning}"
+            )
 
 
 def test_every_make_target_in_the_readme_exists() -> None:
